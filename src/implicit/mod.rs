@@ -1,0 +1,40 @@
+//! Implicit vessel surfaces: negative inside, zero on the wall, positive outside.
+
+use nalgebra::Matrix3;
+
+use crate::geometry::{Aabb, Point, Vector};
+
+/// A function whose zero set is the vessel wall.
+///
+/// Values are in millimetres and close to a signed distance near the wall; far away only the sign is promised.
+pub trait Implicit: Sync {
+    /// Value at `p`: negative inside the lumen.
+    fn value(&self, p: &Point) -> f64;
+
+    /// Value and gradient at `p`.
+    fn value_gradient(&self, p: &Point) -> (f64, Vector);
+
+    /// Box outside which the function is positive.
+    fn bounds(&self) -> Aabb;
+
+    /// Length over which the function changes its shape at most: about half a voxel. Step of numerical derivatives.
+    fn resolution(&self) -> f64;
+
+    /// Gradient at `p`; points out of the lumen near the wall.
+    fn gradient(&self, p: &Point) -> Vector {
+        self.value_gradient(p).1
+    }
+
+    /// Second derivatives; central differences of the gradient unless the function knows better.
+    fn hessian(&self, p: &Point) -> Matrix3<f64> {
+        let h = 0.5 * self.resolution();
+        let mut m = Matrix3::zeros();
+        for a in 0..3 {
+            let mut e = Vector::zeros();
+            e[a] = h;
+            let d = (self.gradient(&(p + e)) - self.gradient(&(p - e))) / (2.0 * h);
+            m.set_column(a, &d);
+        }
+        0.5 * (m + m.transpose())
+    }
+}

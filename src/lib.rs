@@ -1,0 +1,13 @@
+//! From a binary mask of blood vessels to a mesh that FLUENT or OpenFOAM can run.
+//!
+//! Data flows one way: `mask` → `pointcloud` → `implicit` → `polygonize` → `centerline` →
+//! `remesh` → `openings` → `volume` → `io`, and [`pipeline`] is the only place that knows the order.
+//! All coordinates are LPS world coordinates in millimetres; all ids are `u32`.
+
+pub mod centerline;
+pub mod geometry;
+pub mod implicit;
+pub mod mask;
+pub mod mesh;
+pub mod openings;
+pub mod remesh;

@@ -1,0 +1,4 @@
+//! The `lumenmesh` command.
+fn main() {
+    println!("lumenmesh");
+}

@@ -1,0 +1,1 @@
+//! Raw binding to TetGen 1.5.
