@@ -5,6 +5,7 @@
 //! All coordinates are LPS world coordinates in millimetres; all ids are `u32`.
 
 pub mod centerline;
+pub mod config;
 pub mod geometry;
 pub mod implicit;
 pub mod mask;

@@ -1,0 +1,275 @@
+//! Reading a case file, with errors that name line, column and the way out.
+
+use std::path::{Path, PathBuf};
+
+use super::case::{Case, Labels};
+
+/// Why a case file cannot be used.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("{file}: {reason}: check the path and its permissions", file = file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// What the system says.
+        reason: String,
+    },
+    /// The text is not a valid case.
+    #[error("{place}: {message}")]
+    Invalid {
+        /// File, line and column; or the override.
+        place: String,
+        /// What is wrong, with the text and the nearest valid key.
+        message: String,
+    },
+}
+
+fn invalid(place: impl Into<String>, message: impl Into<String>) -> ConfigError {
+    ConfigError::Invalid { place: place.into(), message: message.into() }
+}
+
+/// Reads and checks a case file and applies `overrides` of the form `key.path=value`.
+/// Relative paths in it are taken from the file's folder.
+pub fn load(file: &Path, overrides: &[String]) -> Result<Case, ConfigError> {
+    let text = std::fs::read_to_string(file)
+        .map_err(|e| ConfigError::Unreadable { file: file.into(), reason: e.to_string() })?;
+    let mut case = from_text(&text, &file.display().to_string(), overrides)?;
+    let base = file.parent().unwrap_or(Path::new("."));
+    let input = &mut case.input;
+    for path in [&mut input.mask, &mut input.probability, &mut input.surface, &mut case.flow.waveform].into_iter().flatten() {
+        if path.is_relative() {
+            *path = base.join(&*path);
+        }
+    }
+    Ok(case)
+}
+
+/// Reads and checks a case from text; `name` stands in the errors.
+pub fn from_text(text: &str, name: &str, overrides: &[String]) -> Result<Case, ConfigError> {
+    let mut case: Case = serde_saphyr::from_str(text).map_err(|e| yaml_error(&e, text, name))?;
+    if !overrides.is_empty() {
+        let mut value = serde_json::to_value(&case).map_err(|e| invalid(name, e.to_string()))?;
+        for o in overrides {
+            apply(&mut value, o)?;
+            // Each override is checked by itself, so that the error names the right one.
+            case = serde_json::from_value(value.clone()).map_err(|e| {
+                invalid(format!("--set {o}"), with_suggestion(&e.to_string()))
+            })?;
+        }
+    }
+    check(&case, name)?;
+    Ok(case)
+}
+
+/// The case as YAML that [`load`] reads back to the same case.
+pub fn to_yaml(case: &Case) -> Result<String, ConfigError> {
+    serde_saphyr::to_string(case).map_err(|e| invalid("resolved configuration", e.to_string()))
+}
+
+fn apply(value: &mut serde_json::Value, text: &str) -> Result<(), ConfigError> {
+    let place = || format!("--set {text}");
+    let (path, new) = text
+        .split_once('=')
+        .ok_or_else(|| invalid(place(), "there is no `=`: write `--set key.path=value`, such as `--set surface.scale=2`"))?;
+    let new: serde_json::Value = serde_saphyr::from_str(new)
+        .map_err(|e| invalid(place(), format!("the value is not valid YAML: {}", first_line(&e.to_string()))))?;
+    let mut at = value;
+    for key in path.trim().split('.') {
+        if let serde_json::Value::Array(items) = at {
+            let n = items.len();
+            at = key
+                .parse::<usize>()
+                .ok()
+                .and_then(|i| items.get_mut(i))
+                .ok_or_else(|| invalid(place(), format!("`{key}` is not an entry of a list of {n}: count from 0")))?;
+        } else {
+            if !at.is_object() {
+                *at = serde_json::Value::Object(serde_json::Map::new());
+            }
+            let serde_json::Value::Object(map) = at else { continue };
+            at = map.entry(key).or_insert(serde_json::Value::Null);
+        }
+    }
+    *at = new;
+    Ok(())
+}
+
+fn first_line(text: &str) -> &str {
+    text.lines().next().unwrap_or_default()
+}
+
+fn yaml_error(e: &serde_saphyr::Error, text: &str, name: &str) -> ConfigError {
+    let message = first_line(&e.without_snippet().to_string()).to_string();
+    // The location is given by itself; the text of the error may repeat it.
+    let message = message.split(" at line ").next().unwrap_or(&message).trim_end_matches([':', ',', ' ']).to_string();
+    match e.location() {
+        Some(at) if at.line() > 0 => {
+            let line = text.lines().nth(at.line() as usize - 1).unwrap_or_default();
+            let place = format!("{name}:{}:{}", at.line(), at.column());
+            let caret = " ".repeat((at.column() as usize).saturating_sub(1));
+            invalid(place, format!("{}\n    {line}\n    {caret}^", with_suggestion(&message)))
+        }
+        _ => invalid(name, with_suggestion(&message)),
+    }
+}
+
+/// Adds the nearest valid key to serde's list of expected ones.
+fn with_suggestion(message: &str) -> String {
+    let Some((head, tail)) = message.split_once(", expected ") else { return message.into() };
+    let Some(wrong) = head.split('`').nth(1).filter(|_| head.starts_with("unknown")) else { return message.into() };
+    let separators = |c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-'));
+    let valid: Vec<&str> = tail.trim_start_matches("one of").split(separators).filter(|v| !v.is_empty()).collect();
+    let nearest = valid.iter().min_by_key(|v| edit_distance(wrong, v));
+    match nearest {
+        Some(n) if edit_distance(wrong, n) <= 1 + wrong.len() / 3 => format!("{message}; did you mean `{n}`?"),
+        _ => message.into(),
+    }
+}
+
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let next = (diagonal + usize::from(ca != *cb)).min(row[j] + 1).min(row[j + 1] + 1);
+            diagonal = row[j + 1];
+            row[j + 1] = next;
+        }
+    }
+    row[b.len()]
+}
+
+/// What types cannot say: ranges and keys that exclude each other.
+fn check(case: &Case, name: &str) -> Result<(), ConfigError> {
+    let fail = |key: &str, message: String| Err(invalid(name, format!("{key}: {message}")));
+    let i = &case.input;
+    match [&i.mask, &i.probability, &i.surface].iter().filter(|p| p.is_some()).count() {
+        1 => {}
+        0 => return fail("input", "names no file: give one of mask, probability and surface, such as `input: {mask: vessel.nrrd}`".into()),
+        n => return fail("input", format!("names {n} files: give only one of mask, probability and surface")),
+    }
+    if i.threshold.is_some() && i.label != Labels::NonZero {
+        return fail("input", "has both label and threshold: give only one".into());
+    }
+    let range = |key: &str, v: f64, lo: f64, hi: f64| {
+        if v.is_finite() && (lo..=hi).contains(&v) {
+            Ok(())
+        } else {
+            Err(invalid(name, format!("{key}: {v} is out of range: use {lo} to {hi}")))
+        }
+    };
+    let s = &case.surface;
+    range("surface.scale", s.scale, 0.05, 20.0)?;
+    range("surface.edges_around", s.edges_around, 6.0, 400.0)?;
+    range("surface.growth", s.growth, 0.01, 1.0)?;
+    range("surface.max_skewness", s.max_skewness, 0.3, 0.95)?;
+    range("surface.target_skewness", s.target_skewness, 0.2, s.max_skewness)?;
+    for (n, r) in s.refine.iter().enumerate() {
+        if r.sphere.is_some() == r.cuboid.is_some() {
+            return fail(&format!("surface.refine[{n}]"), "give either sphere or box".into());
+        }
+    }
+    if let Some(cell) = case.reconstruction.cell {
+        range("reconstruction.cell", cell, 0.1, 2.0)?;
+    }
+    if let Some(offset) = case.reconstruction.offset {
+        range("reconstruction.offset", offset, -1.0, 1.0)?;
+    }
+    range("volume.growth", case.volume.growth, 0.0, 2.0)?;
+    range("volume.boundary_layers.growth", case.volume.boundary_layers.growth, 0.5, 3.0)?;
+    range("volume.boundary_layers.count", f64::from(case.volume.boundary_layers.count), 0.0, 50.0)?;
+    range("volume.series", f64::from(case.volume.series), 1.0, 5.0)?;
+    range("volume.time_limit", case.volume.time_limit, 1.0, 1e7)?;
+    range("volume.memory_limit", case.volume.memory_limit, 0.1, 1e5)?;
+    range("flow.blood.density", case.flow.blood.density, 100.0, 20000.0)?;
+    range("flow.blood.viscosity", case.flow.blood.viscosity, 1e-6, 10.0)?;
+    if case.flow.outlets.split == super::Split::Fractions {
+        let sum: f64 = case.flow.outlets.fractions.iter().sum();
+        if (sum - 1.0).abs() > 1e-6 {
+            return fail("flow.outlets.fractions", format!("sum to {sum}: they must sum to 1"));
+        }
+    }
+    for (n, p) in case.openings.planes.iter().enumerate() {
+        let bad = |what| fail(&format!("openings[{n}] `{}`", p.name), what);
+        if p.normal.iter().map(|x| x * x).sum::<f64>().sqrt().partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+            return bad(format!("normal {:?} has no direction: give the direction out of the vessel", p.normal));
+        }
+        let letters = p.name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '_' | '-'));
+        if !letters || !p.name.starts_with(|c: char| c.is_ascii_lowercase()) || p.name == "wall" {
+            return bad("is no patch name: use lower case letters, digits, `_` and `-`, a letter first, and not `wall`".into());
+        }
+        if case.openings.planes[..n].iter().any(|q| q.name == p.name) {
+            return bad("is there twice: give every opening its own name".into());
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(text: &str) -> String {
+        from_text(text, "case.yaml", &[]).expect_err("must be refused").to_string()
+    }
+
+    #[test]
+    fn an_unknown_key_is_named_with_line_column_and_the_nearest_key() {
+        let e = error("input: {mask: a.nrrd}\nsurface:\n  edge_lenght: 0.4 mm\n");
+        assert!(e.starts_with("case.yaml:3:3: "), "{e}");
+        assert!(e.contains("`edge_lenght`") && e.contains("did you mean `edge_length`?"), "{e}");
+    }
+
+    #[test]
+    fn a_length_without_unit_is_refused_in_its_line() {
+        let e = error("input: {mask: a.nrrd}\nsurface: {edge_length: 0.4}\n");
+        assert!(e.starts_with("case.yaml:2:"), "{e}");
+        assert!(e.contains("`0.4 mm`"), "{e}");
+    }
+
+    #[test]
+    fn no_input_and_two_inputs_are_refused() {
+        assert!(error("surface: {scale: 1}\n").contains("input"));
+        assert!(error("input: {}\n").contains("names no file"));
+        assert!(error("input: {mask: a.nrrd, surface: b.stl}\n").contains("names 2 files"));
+    }
+
+    #[test]
+    fn openings_are_a_list_or_a_mapping() {
+        let list = "input: {mask: a.nrrd}\nopenings:\n- {name: inlet, center: [0, 0, 1], normal: [0, 0, 1]}\n";
+        let case = from_text(list, "c", &[]).expect("list");
+        assert_eq!((case.openings.detect, case.openings.planes.len()), (super::super::Detect::Off, 1));
+        let map = from_text("input: {mask: a.nrrd}\nopenings: {detect: auto, drop: [outlet_3]}\n", "c", &[]).expect("map");
+        assert_eq!(map.openings.drop, ["outlet_3"]);
+        assert!(error("input: {mask: a.nrrd}\nopenings:\n- {name: inlet, center: [0, 0, 1], normal: [0, 0, 0]}\n").contains("no direction"));
+        let e = error("input: {mask: a.nrrd}\nopenings: {detct: auto}\n");
+        assert!(e.contains("case.yaml:2:") && e.contains("detect"), "{e}");
+    }
+
+    #[test]
+    fn overrides_change_values_and_are_checked() {
+        let base = "input: {mask: a.nrrd}\n";
+        let case = from_text(base, "c", &["surface.edge_length=0.4 mm".into(), "volume.boundary_layers.count=4".into()]).expect("fine");
+        assert_eq!(case.surface.edge_length, super::super::AutoLength::Given(super::super::Length::mm(0.4)));
+        assert_eq!(case.volume.boundary_layers.count, 4);
+        let e = from_text(base, "c", &["surface.edgelength=1 mm".into()]).expect_err("unknown").to_string();
+        assert!(e.starts_with("--set surface.edgelength=1 mm") && e.contains("edge_length"), "{e}");
+    }
+
+    #[test]
+    fn the_resolved_configuration_reads_back_the_same() {
+        let text = "input: {mask: a.nrrd, label: [1, 4]}\nopenings:\n- {name: inlet, center: [0, 0.1, 1e-7], normal: [0, 0, 1]}\nsurface: {refine: [{sphere: {center: [1,2,3], radius: 4}, edge_length: 0.2 R}]}\n";
+        let case = from_text(text, "c", &[]).expect("fine");
+        let yaml = to_yaml(&case).expect("writes");
+        assert_eq!(from_text(&yaml, "resolved", &[]).expect("reads"), case, "{yaml}");
+        assert_eq!(to_yaml(&from_text(&yaml, "resolved", &[]).expect("reads")).expect("writes"), yaml);
+    }
+
+    #[test]
+    fn skewness_limits_out_of_range_are_refused() {
+        assert!(error("input: {mask: a.nrrd}\nsurface: {max_skewness: 1.5}\n").contains("out of range"));
+    }
+}

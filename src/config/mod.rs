@@ -1,0 +1,13 @@
+//! Case files: YAML as written, its schema, its errors.
+
+mod case;
+mod length;
+mod load;
+mod openings;
+mod reference;
+
+pub use case::*;
+pub use length::{AutoLength, Length, LengthError, Unit};
+pub use load::{ConfigError, from_text, load, to_yaml};
+pub use openings::{Detect, OpeningKind, OpeningPlane, OpeningsSection, Rename};
+pub use reference::{reference_page, schema};
