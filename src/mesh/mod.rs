@@ -1,5 +1,10 @@
 //! Triangle and volume meshes and what every stage asks of them.
 
+pub mod bvh;
+pub mod intersect;
+#[cfg(test)]
+pub(crate) mod test_shapes;
+
 use serde::Serialize;
 
 use crate::geometry::{Aabb, Point, Vector};
