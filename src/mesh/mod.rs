@@ -1,9 +1,11 @@
 //! Triangle and volume meshes and what every stage asks of them.
 
 pub mod bvh;
+pub mod halfedge;
 pub mod intersect;
 #[cfg(test)]
 pub(crate) mod test_shapes;
+pub mod topology;
 
 use serde::Serialize;
 
