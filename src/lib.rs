@@ -8,6 +8,7 @@ pub mod centerline;
 pub mod config;
 pub mod geometry;
 pub mod implicit;
+pub mod io;
 pub mod mask;
 pub mod mesh;
 pub mod openings;

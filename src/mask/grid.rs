@@ -119,4 +119,21 @@ impl Grid {
         let origin = self.to_world(Vector::new(low[0] as f64, low[1] as f64, low[2] as f64));
         Grid { dims, origin, axes: self.axes, inverse: self.inverse }
     }
+
+    /// The same grid with every length multiplied by `factor`, which must be finite and above zero: a change of unit.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Grid {
+        Grid {
+            dims: self.dims,
+            origin: Point::from(self.origin.coords * factor),
+            axes: self.axes * factor,
+            inverse: self.inverse / factor,
+        }
+    }
+
+    /// Unit columns: the directions of the axes in the world.
+    pub fn direction(&self) -> Matrix3<f64> {
+        let s = self.spacing();
+        Matrix3::from_fn(|r, c| self.axes[(r, c)] / s[c])
+    }
 }

@@ -1,8 +1,15 @@
 //! Binary masks on an affine voxel grid.
 
+mod error;
 mod grid;
+mod image;
+mod select;
 
+pub use error::Error;
 pub use grid::{Grid, GridError};
+pub use image::{Image, LengthUnit, Values};
+pub(crate) use image::{Scalar, with_values};
+pub use select::{Selection, select};
 
 /// A binary image: 1 is lumen, 0 is background; x runs fastest.
 ///
