@@ -12,4 +12,5 @@ pub mod io;
 pub mod mask;
 pub mod mesh;
 pub mod openings;
+pub mod polygonize;
 pub mod remesh;

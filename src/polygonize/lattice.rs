@@ -1,0 +1,87 @@
+//! The cubic lattice on which the polygonizer samples, and the cells it starts from.
+
+use nalgebra::Matrix3;
+
+use crate::geometry::{Point, Vector};
+use crate::mask::{Grid, Mask};
+
+/// A lattice of cubes in any orientation, left-handed ones included.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lattice {
+    origin: Point,
+    /// Columns: the three edges of a cell.
+    axes: Matrix3<f64>,
+    inverse: Matrix3<f64>,
+    cell: f64,
+}
+
+impl Lattice {
+    /// Cubes of edge `cell` mm along the world axes; `origin` is a corner.
+    pub fn axis_aligned(origin: Point, cell: f64) -> Lattice {
+        Lattice { origin, axes: Matrix3::identity() * cell, inverse: Matrix3::identity() / cell, cell }
+    }
+
+    /// Cubes along the axes of `grid`, `cell` times its smallest spacing wide; the centre of voxel (0, 0, 0) is a corner.
+    pub fn along(grid: &Grid, cell: f64) -> Lattice {
+        let s = grid.spacing();
+        let h = cell * s[0].min(s[1]).min(s[2]);
+        let scale = Matrix3::from_diagonal(&Vector::new(h / s[0], h / s[1], h / s[2]));
+        let axes = grid.axes * scale;
+        // A grid's axes are orthogonal to within 1e-3, so this inverse always exists.
+        let inverse = axes.try_inverse().unwrap_or_else(|| axes.transpose() / (h * h));
+        Lattice { origin: grid.origin, axes, inverse, cell: h }
+    }
+
+    /// Edge of a cell, mm.
+    pub fn cell(&self) -> f64 {
+        self.cell
+    }
+
+    /// Position of a lattice corner.
+    pub fn corner(&self, c: [i32; 3]) -> Point {
+        self.origin + self.axes * Vector::new(c[0] as f64, c[1] as f64, c[2] as f64)
+    }
+
+    /// The cell that contains `p`, named by its lowest corner.
+    pub fn cell_of(&self, p: &Point) -> [i32; 3] {
+        let v = self.inverse * (p - self.origin);
+        [0, 1, 2].map(|a| v[a].floor() as i32)
+    }
+
+    /// Whether the edges form a left-handed system.
+    pub fn is_left_handed(&self) -> bool {
+        self.axes.determinant() < 0.0
+    }
+}
+
+/// The cells that meet a voxel with a face neighbour of the other label; beyond the mask lies background.
+pub(super) fn boundary_cells(mask: &Mask, lattice: &Lattice) -> Vec<[i32; 3]> {
+    let s = mask.grid.spacing();
+    let per_voxel = s.map(|x| x / lattice.cell);
+    let range = |a: usize, i: i64| {
+        let (lo, hi) = ((i as f64 - 0.5) * per_voxel[a], (i as f64 + 0.5) * per_voxel[a]);
+        lo.floor() as i32..hi.ceil() as i32
+    };
+    let steps = [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]];
+    let mut voxels: Vec<[i64; 3]> = Vec::new();
+    for n in (0..mask.data.len()).filter(|&n| mask.data[n] != 0) {
+        let [i, j, k] = mask.grid.voxel(n).map(|x| x as i64);
+        let outside = |d: &[i64; 3]| !mask.at(i + d[0], j + d[1], k + d[2]);
+        let before = voxels.len();
+        voxels.extend(steps.iter().filter(|d| outside(d)).map(|d| [i + d[0], j + d[1], k + d[2]]));
+        if voxels.len() > before {
+            voxels.push([i, j, k]);
+        }
+    }
+    voxels.sort_unstable();
+    voxels.dedup();
+    let mut cells = Vec::new();
+    for v in voxels {
+        for k in range(2, v[2]) {
+            for j in range(1, v[1]) {
+                cells.extend(range(0, v[0]).map(|i| [i, j, k]));
+            }
+        }
+    }
+    cells
+}
