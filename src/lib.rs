@@ -13,4 +13,5 @@ pub mod mask;
 pub mod mesh;
 pub mod openings;
 pub mod polygonize;
+pub mod quality;
 pub mod remesh;
