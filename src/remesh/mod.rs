@@ -1,6 +1,19 @@
 //! Surface remeshing on the implicit under a guidance field.
 
+pub mod isotropic;
+mod relax;
+pub mod shape;
+mod supports;
+mod surface;
+#[cfg(test)]
+pub(crate) mod testing;
+
+pub use supports::Supports;
+
 use crate::geometry::Point;
+use crate::mesh::TriMesh;
+use crate::mesh::topology::TopologyReport;
+use surface::Surface;
 
 /// Wished edge length over space: the guidance field.
 pub trait SizeField: Sync {
@@ -15,5 +28,64 @@ pub struct Uniform(pub f64);
 impl SizeField for Uniform {
     fn size(&self, _: &Point) -> f64 {
         self.0
+    }
+}
+
+/// Why a surface cannot be remeshed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The surface has holes, turned triangles or edges and vertices that are no manifold.
+    #[error(
+        "the surface to remesh is not a closed, oriented manifold: {} open, {} non-manifold, {} inconsistent edges, \
+         {} non-manifold vertices{}; repair it first",
+        report.open_edges, report.nonmanifold_edges, report.inconsistent_edges, report.nonmanifold_vertices,
+        near(.at)
+    )]
+    NotManifold {
+        /// What was counted.
+        report: Box<TopologyReport>,
+        /// Where the first fault lies.
+        at: Option<Point>,
+    },
+    /// A mask over vertices does not belong to the mesh.
+    #[error("the region has {given} entries but the mesh has {vertices} vertices; give one entry per vertex")]
+    MaskLength {
+        /// Length of the mask.
+        given: usize,
+        /// Vertices of the mesh.
+        vertices: usize,
+    },
+    /// The guidance field has no usable value at a vertex.
+    #[error("the wished edge length at ({:.3}, {:.3}, {:.3}) is {size}; it must be positive and finite", at.x, at.y, at.z)]
+    BadSize {
+        /// The vertex.
+        at: Point,
+        /// The value there.
+        size: f64,
+    },
+}
+
+fn near(at: &Option<Point>) -> String {
+    at.map_or(String::new(), |p| format!(", the first at ({:.3}, {:.3}, {:.3})", p.x, p.y, p.z))
+}
+
+/// Checks the input of a remesher and takes it over.
+pub(crate) fn take_over<'a>(
+    mesh: &TriMesh,
+    supports: &'a Supports<'a>,
+    field: &'a dyn SizeField,
+    region: Option<&[bool]>,
+    features: &[[u32; 2]],
+) -> Result<Surface<'a>, Error> {
+    if let Some(r) = region {
+        if r.len() != mesh.points.len() {
+            return Err(Error::MaskLength { given: r.len(), vertices: mesh.points.len() });
+        }
+    }
+    let s = Surface::new(mesh, supports, field, region, features)
+        .map_err(|report| Error::NotManifold { at: report.first_fault(mesh), report })?;
+    match s.size.iter().position(|h| !(h.is_finite() && *h > 0.0)) {
+        Some(v) => Err(Error::BadSize { at: mesh.points[v], size: s.size[v] }),
+        None => Ok(s),
     }
 }
