@@ -1,15 +1,27 @@
 //! Binary masks on an affine voxel grid.
 
+mod boundary;
+mod components;
+mod crop;
+mod distance;
 mod error;
 mod grid;
 mod image;
+mod morphology;
 mod select;
+mod topology;
 
+pub use boundary::BoundaryDistance;
+pub use components::{Component, Connectivity, Labels, label};
+pub use crop::{crop_pad, lumen_box, split_components};
+pub use distance::{signed_distance, squared_distance_to};
 pub use error::Error;
 pub use grid::{Grid, GridError};
 pub use image::{Image, LengthUnit, Values};
 pub(crate) use image::{Scalar, with_values};
+pub use morphology::{dilation, erosion, inverse_top_hat, opening, top_hat};
 pub use select::{Selection, select};
+pub use topology::{Topology, topology};
 
 /// A binary image: 1 is lumen, 0 is background; x runs fastest.
 ///
