@@ -1,7 +1,9 @@
 //! Surface remeshing on the implicit under a guidance field.
 
+pub mod angle_repair;
 pub mod isotropic;
 mod relax;
+mod repair_moves;
 pub mod shape;
 mod supports;
 mod surface;

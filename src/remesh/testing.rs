@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::geometry::{Aabb, Point, Vector};
+use crate::geometry::{Aabb, Plane, Point, Vector};
 use crate::implicit::Implicit;
-use crate::mesh::TriMesh;
+use crate::mesh::{PatchId, TriMesh};
 
 /// Smooth union of capsules: tubes, bends and Ys.
 pub struct Capsules {
@@ -182,4 +182,64 @@ fn tetrahedron(
         let t = t.map(|(i, o)| cut(inside[i], outside[o]));
         m.triangles.push(t);
     }
+}
+
+/// Cuts a mesh by a plane, drops what lies on the normal's side and closes the one loop by a fan: as rough as can be.
+pub fn cut_and_cap(m: &TriMesh, plane: &Plane, patch: PatchId) -> TriMesh {
+    let d: Vec<f64> = m.points.iter().map(|p| plane.signed_distance(p)).collect();
+    let mut out = TriMesh { points: m.points.clone(), patches: m.patches.clone(), ..TriMesh::default() };
+    let mut ids: BTreeMap<(u32, u32), u32> = BTreeMap::new();
+    let mut rim: Vec<[u32; 2]> = Vec::new();
+    for (t, &id) in m.triangles.iter().zip(&m.patch) {
+        let mut polygon = Vec::new();
+        let mut ends = Vec::new();
+        for i in 0..3 {
+            let (a, b) = (t[i], t[(i + 1) % 3]);
+            let (da, db) = (d[a as usize], d[b as usize]);
+            if da < 0.0 {
+                polygon.push(a);
+            }
+            if (da < 0.0) != (db < 0.0) {
+                let points = &mut out.points;
+                let v = *ids.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                    let (pa, pb) = (m.points[a as usize], m.points[b as usize]);
+                    points.push(pa + (pb - pa) * (da / (da - db)));
+                    points.len() as u32 - 1
+                });
+                polygon.push(v);
+                ends.push(v);
+                if da < 0.0 {
+                    rim.push([v, u32::MAX]);
+                }
+            }
+        }
+        if let [x, y] = ends[..] {
+            // Leaving the kept side at `rim`'s newest, coming back at the other.
+            let leave = rim.pop().map_or(x, |r| r[0]);
+            rim.push([leave, if leave == x { y } else { x }]);
+        }
+        for i in 1..polygon.len().saturating_sub(1) {
+            out.triangles.push([polygon[0], polygon[i], polygon[i + 1]]);
+            out.patch.push(id);
+        }
+    }
+    let centre = rim.iter().fold(Vector::zeros(), |v, r| v + out.points[r[0] as usize].coords) / rim.len() as f64;
+    out.points.push(Point::from(centre));
+    let hub = out.points.len() as u32 - 1;
+    for [a, b] in rim {
+        out.triangles.push([b, a, hub]);
+        out.patch.push(patch);
+    }
+    let mut used = vec![u32::MAX; out.points.len()];
+    let mut points = Vec::new();
+    for t in &mut out.triangles {
+        *t = t.map(|v| {
+            if used[v as usize] == u32::MAX {
+                used[v as usize] = points.len() as u32;
+                points.push(out.points[v as usize]);
+            }
+            used[v as usize]
+        });
+    }
+    TriMesh { points, ..out }
 }

@@ -1,0 +1,276 @@
+//! Angle repair: raises the smallest angles of any mesh, and always ends.
+//!
+//! Triangles below the wished angle wait in a queue, worst first. For each one a flip, a collapse, a split and a move
+//! of a corner are tried on the patch of triangles that they touch, and the first that makes the patch better is
+//! kept. Better means: the list of the patch's bad triangles, worst first, each one's badness rounded to steps of
+//! about 0.01°, comes earlier in lexicographic order than before. That is the multiset order over finitely many
+//! steps, which has no infinite descent, so repair ends whatever the surface, even though splits add triangles. After
+//! it, where something is still bad, the rings round the worst triangles are triangulated anew (last resort) under
+//! the same order. Hu et al. 2017 ("Error-bounded and feature preserving surface remeshing with minimal angle
+//! improvement") raise angles by the same local operations.
+
+use std::collections::BinaryHeap;
+
+use serde::Serialize;
+
+use super::repair_moves::{self, Limits};
+use super::shape::{cosine_of_skewness, skewness_of_cosine};
+use super::surface::{Kind, Surface};
+use super::{Error, SizeField, Supports};
+use crate::geometry::Point;
+use crate::mesh::{PatchId, TriMesh};
+
+/// Options of [`repair`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RepairOptions {
+    /// Skewness that every triangle is brought to where possible.
+    pub target_skewness: f64,
+    /// Skewness above which a triangle counts as failed.
+    pub max_skewness: f64,
+    /// How many of the worst triangles the summary lists.
+    pub list_worst: usize,
+    /// Vertices that may change; everything without it.
+    #[serde(skip)]
+    pub region: Option<Vec<bool>>,
+    /// Feature edges besides the rims between patches, as pairs of vertex ids.
+    #[serde(skip)]
+    pub features: Vec<[u32; 2]>,
+}
+
+impl Default for RepairOptions {
+    fn default() -> Self {
+        RepairOptions {
+            target_skewness: 0.45,
+            max_skewness: 0.75,
+            list_worst: 10,
+            region: None,
+            features: Vec::new(),
+        }
+    }
+}
+
+/// What [`repair`] did.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Edges flipped.
+    pub flips: usize,
+    /// Edges collapsed.
+    pub collapses: usize,
+    /// Edges split.
+    pub splits: usize,
+    /// Vertices moved.
+    pub moves: usize,
+    /// Rings triangulated anew.
+    pub retriangulations: usize,
+    /// Triangles above the target before.
+    pub above_target_before: usize,
+    /// Triangles above the target after.
+    pub above_target: usize,
+    /// Triangles above the limit after: the surface failed where this is not 0.
+    pub above_limit: usize,
+    /// Largest skewness after.
+    pub s_max: f64,
+    /// Mean skewness after.
+    pub s_mean: f64,
+    /// The worst triangles, worst first.
+    pub worst: Vec<WorstTriangle>,
+}
+
+/// One of the worst triangles of a surface.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WorstTriangle {
+    /// Id in the mesh that was returned.
+    pub id: u32,
+    /// Equi-angle skewness.
+    pub skewness: f64,
+    /// Centroid, mm.
+    pub center: Point,
+    /// Patch.
+    pub patch: PatchId,
+    /// What keeps it from being better.
+    pub reason: Reason,
+}
+
+/// Why a triangle is no better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reason {
+    /// It is within the target.
+    WithinTarget,
+    /// All its vertices are held: outside the region or where features meet.
+    Held,
+    /// Two of its edges are features that meet in a sharp angle.
+    FeatureCorner,
+    /// No flip, collapse, split or move makes it better without making a neighbour worse or leaving the surface.
+    LocalOptimum,
+}
+
+/// Raises the smallest angles of `mesh` until every triangle has the target skewness or nothing helps.
+///
+/// Ends always; never makes the sorted list of bad triangles worse; keeps the topology, rims, features and patches;
+/// vertices stay on their carriers. Does not promise the target: look at `above_limit`.
+///
+/// # Errors
+/// As [`super::isotropic::remesh`].
+pub fn repair(
+    mesh: &TriMesh,
+    supports: &Supports,
+    field: &dyn SizeField,
+    options: &RepairOptions,
+) -> Result<(TriMesh, Summary), Error> {
+    let mut s = super::take_over(mesh, supports, field, options.region.as_deref(), &options.features)?;
+    let mut summary = run(&mut s, options);
+    summary.worst = list_worst(&s, options);
+    Ok((s.mesh.into_mesh(), summary))
+}
+
+/// Badness of a triangle in steps; 0 at or below the target.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Badness {
+    goal: f64,
+}
+
+impl Badness {
+    pub fn new(target_skewness: f64) -> Badness {
+        Badness { goal: cosine_of_skewness(target_skewness) }
+    }
+
+    /// In steps of 1e-4 of the cosine of the smallest angle: 0.01° at 33°.
+    #[inline]
+    pub fn of(self, cosine: f64) -> u32 {
+        ((cosine - self.goal) * 1e4).ceil().max(0.0) as u32
+    }
+}
+
+/// Repairs a surface that was taken over; `worst` of the summary stays empty.
+pub(crate) fn run(s: &mut Surface, options: &RepairOptions) -> Summary {
+    let mut summary = Summary::default();
+    let badness = Badness::new(options.target_skewness.min(options.max_skewness));
+    let limits = Limits { badness, longest: 2.0, shortest: 0.4 };
+    let all = |s: &Surface| -> Vec<u32> { (0..s.mesh.triangle_ids() as u32).filter(|&t| s.mesh.has_triangle(t)).collect() };
+    summary.above_target_before = all(s).iter().filter(|&&t| badness.of(s.shape_of(t)) > 0).count();
+    // First within the wished edge lengths; then, for what is left, without them.
+    for limits in [limits, Limits { longest: 4.0, shortest: 0.0, ..limits }] {
+        let mut queue: BinaryHeap<(u32, u32)> =
+            all(s).into_iter().map(|t| (badness.of(s.shape_of(t)), t)).filter(|e| e.0 > 0).collect();
+        while let Some((level, t)) = queue.pop() {
+            if !s.mesh.has_triangle(t) || badness.of(s.shape_of(t)) != level {
+                continue;
+            }
+            for touched in repair_moves::improve(s, t, limits, &mut summary).unwrap_or_default() {
+                let level = badness.of(s.shape_of(touched));
+                if level > 0 {
+                    queue.push((level, touched));
+                }
+            }
+        }
+    }
+    let mut total = 0.0;
+    let mut count = 0usize;
+    for t in all(s) {
+        let cosine = s.shape_of(t);
+        let skewness = skewness_of_cosine(cosine);
+        total += skewness;
+        count += 1;
+        summary.s_max = summary.s_max.max(skewness);
+        summary.above_target += usize::from(badness.of(cosine) > 0);
+        summary.above_limit += usize::from(skewness >= options.max_skewness);
+    }
+    summary.s_mean = total / count.max(1) as f64;
+    summary
+}
+
+fn list_worst(s: &Surface, options: &RepairOptions) -> Vec<WorstTriangle> {
+    let mut worst: Vec<(f64, u32, u32)> = (0..s.mesh.triangle_ids() as u32)
+        .filter(|&t| s.mesh.has_triangle(t))
+        .enumerate()
+        .map(|(new, t)| (s.shape_of(t), new as u32, t))
+        .collect();
+    worst.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    worst.truncate(options.list_worst);
+    worst
+        .into_iter()
+        .map(|(cosine, id, t)| {
+            let skewness = skewness_of_cosine(cosine);
+            let [a, b, c] = s.mesh.corners(t);
+            let features = (0..3).filter(|i| s.mesh.is_feature(3 * t + i)).count();
+            let held = s.mesh.triangle(t).iter().all(|&v| matches!(s.kind[v as usize], Kind::Corner | Kind::Locked));
+            let reason = if skewness <= options.target_skewness + 1e-3 {
+                Reason::WithinTarget
+            } else if held {
+                Reason::Held
+            } else if features >= 2 {
+                Reason::FeatureCorner
+            } else {
+                Reason::LocalOptimum
+            };
+            let center = Point::from((a.coords + b.coords + c.coords) / 3.0);
+            WorstTriangle { id, skewness, center, patch: s.mesh.patch(t), reason }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Plane, Vector};
+    use crate::implicit::Implicit;
+    use crate::mesh::topology;
+    use crate::remesh::Uniform;
+    use crate::remesh::isotropic::{IsotropicOptions, remesh};
+    use crate::remesh::testing::{Capsules, Torus, cut_and_cap, polygonize};
+
+    #[test]
+    fn slivers_of_the_polygonizer_become_sound_triangles() {
+        let f = Torus { axis: 3.0, radius: 1.0 };
+        let raw = polygonize(&f, 0.3);
+        let (m, summary) = repair(&raw, &Supports::new(&f), &Uniform(0.3), &RepairOptions::default()).unwrap();
+        assert!(summary.s_max <= 0.451, "{summary:?}");
+        let r = topology::check(&m);
+        assert!(r.is_closed_manifold() && r.euler == 0);
+        assert!(m.points.iter().all(|p| f.value(p).abs() < 1e-7));
+    }
+
+    #[test]
+    fn a_rough_cut_becomes_a_perfect_rim_and_cap() {
+        let f = Capsules::tube(2.0, 10.0);
+        let size = Uniform(0.5);
+        let supports = Supports::new(&f);
+        let (m, _) = remesh(&polygonize(&f, 0.35), &supports, &size, &IsotropicOptions::default()).unwrap();
+        let plane = Plane::new(Point::new(0.1, 0.0, 2.3), Vector::new(0.3, 0.1, 1.0)).unwrap();
+        let cut = cut_and_cap(&m, &plane, 2);
+        let supports = supports.with_plane(2, plane);
+        let (m, _) = remesh(&cut, &supports, &size, &IsotropicOptions::default()).unwrap();
+        let (m, summary) = repair(&m, &supports, &size, &RepairOptions::default()).unwrap();
+        assert!(summary.s_max <= 0.451, "{summary:?}");
+        let r = topology::check(&m);
+        assert!(r.is_closed_manifold() && r.euler == 2);
+        let mut cap = vec![false; m.points.len()];
+        let mut wall = vec![false; m.points.len()];
+        for (t, p) in m.triangles.iter().zip(&m.patch) {
+            for &v in t {
+                if *p == 2 { cap[v as usize] = true } else { wall[v as usize] = true }
+            }
+        }
+        for (v, p) in m.points.iter().enumerate() {
+            assert!(!cap[v] || plane.signed_distance(p).abs() < 1e-13);
+            assert!(!wall[v] || f.value(p).abs() < 1e-7);
+        }
+        let caps: f64 = (0..m.triangles.len()).filter(|&t| m.patch[t] == 2).map(|t| m.area_vector2(t).dot(&plane.normal)).sum();
+        let exact = std::f64::consts::PI * 4.0 / plane.normal.z;
+        assert!((0.5 * caps / exact - 1.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn held_vertices_stay() {
+        let f = Torus { axis: 3.0, radius: 1.0 };
+        let raw = polygonize(&f, 0.3);
+        let region: Vec<bool> = raw.points.iter().map(|p| p.x > 0.0).collect();
+        let options = RepairOptions { region: Some(region.clone()), ..RepairOptions::default() };
+        let (m, summary) = repair(&raw, &Supports::new(&f), &Uniform(0.3), &options).unwrap();
+        let kept: Vec<&Point> = raw.points.iter().zip(&region).filter(|k| !k.1).map(|k| k.0).collect();
+        assert!(kept.iter().all(|p| m.points.contains(p)));
+        assert!(summary.worst.iter().all(|w| w.center.x < 0.3), "{:?}", summary.worst);
+        assert_eq!(topology::check(&m).euler, 0);
+    }
+}
