@@ -15,3 +15,4 @@ pub mod openings;
 pub mod polygonize;
 pub mod quality;
 pub mod remesh;
+pub mod volume;

@@ -1,0 +1,178 @@
+//! Interior points at the wished spacing: neighbours of accepted points are proposed in the fourteen
+//! directions of the body-centred cubic lattice and kept where nothing is too near.
+//!
+//! Where the size is constant the points form a body-centred cubic lattice, whose tetrahedra have an equi-volume
+//! skewness of 0.07; where it grows, the lattice tears and the optimiser mends.
+
+use std::collections::VecDeque;
+
+use super::sizing::Sizing;
+use crate::geometry::{Point, Vector};
+use crate::mesh::TriMesh;
+
+/// Least distance from the wall, in local sizes.
+const WALL: f64 = 0.62;
+/// Least distance between points, in local sizes.
+const APART: f64 = 0.72;
+/// Cell edge of the body-centred lattice whose tetrahedra have edges of mean length 1: of the six edges four
+/// have √3/2 of it and two all of it.
+const LATTICE: f64 = 6.0 / (2.0 + 4.0 * 0.866_025_403_784_438_6);
+
+/// Points found so far, by level of size (powers of two) and cell.
+struct Levels {
+    base: f64,
+    origin: Point,
+    cells: Vec<Table>,
+}
+
+/// Open addressing from a cell to its points.
+struct Table {
+    edge: f64,
+    slots: Vec<(u64, u32)>,
+    next: Vec<u32>,
+    ids: Vec<u32>,
+    used: usize,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl Table {
+    fn new(edge: f64) -> Table {
+        Table { edge, slots: vec![(u64::MAX, NONE); 64], next: vec![], ids: vec![], used: 0 }
+    }
+
+    fn key(c: [i64; 3]) -> u64 {
+        c.iter().fold(0, |k, &x| k << 21 | (x as u64 & 0x1F_FFFF))
+    }
+
+    fn slot(&self, key: u64) -> usize {
+        let mask = self.slots.len() - 1;
+        let mut s = (key.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 20) as usize & mask;
+        while self.slots[s].0 != key && self.slots[s].0 != u64::MAX {
+            s = (s + 1) & mask;
+        }
+        s
+    }
+
+    fn insert(&mut self, c: [i64; 3], id: u32) {
+        if 2 * (self.used + 1) > self.slots.len() {
+            let old = std::mem::replace(&mut self.slots, vec![(u64::MAX, NONE); 0]);
+            self.slots = vec![(u64::MAX, NONE); old.len() * 2];
+            for e in old.into_iter().filter(|e| e.0 != u64::MAX) {
+                let s = self.slot(e.0);
+                self.slots[s] = e;
+            }
+        }
+        let k = Table::key(c);
+        let s = self.slot(k);
+        if self.slots[s].0 == u64::MAX {
+            self.slots[s] = (k, NONE);
+            self.used += 1;
+        }
+        self.ids.push(id);
+        self.next.push(self.slots[s].1);
+        self.slots[s].1 = self.ids.len() as u32 - 1;
+    }
+
+    fn each(&self, c: [i64; 3], mut f: impl FnMut(u32) -> bool) -> bool {
+        let s = self.slot(Table::key(c));
+        let mut e = self.slots[s].1;
+        while self.slots[s].0 != u64::MAX && e != NONE {
+            if f(self.ids[e as usize]) {
+                return true;
+            }
+            e = self.next[e as usize];
+        }
+        false
+    }
+}
+
+impl Levels {
+    fn cell(&self, p: &Point, edge: f64) -> [i64; 3] {
+        [0, 1, 2].map(|i| ((p[i] - self.origin[i]) / edge).floor() as i64)
+    }
+
+    fn insert(&mut self, p: &Point, size: f64, id: u32) {
+        let level = (size / self.base).log2().floor().max(0.0) as usize;
+        while self.cells.len() <= level {
+            self.cells.push(Table::new(self.base * (1u64 << self.cells.len()) as f64 * 1.6));
+        }
+        let c = self.cell(p, self.cells[level].edge);
+        self.cells[level].insert(c, id);
+    }
+
+    /// Whether any point lies nearer to `p` than `r`.
+    fn near(&self, p: &Point, r: f64, points: &[Point]) -> bool {
+        self.cells.iter().any(|t| {
+            let v = Vector::repeat(r);
+            let (a, b) = (self.cell(&(p - v), t.edge), self.cell(&(p + v), t.edge));
+            (a[0]..=b[0]).any(|i| {
+                (a[1]..=b[1]).any(|j| {
+                    (a[2]..=b[2])
+                        .any(|k| t.each([i, j, k], |id| (points[id as usize] - p).norm_squared() < r * r))
+                })
+            })
+        })
+    }
+}
+
+/// Points inside `surface` spaced as `sizing` wishes, away from the wall, in a fixed order. Stops early (with what
+/// there is) when `stop` says so.
+pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> Vec<Point> {
+    let least = sizing.wall_sizes().iter().copied().fold(f64::INFINITY, f64::min) * sizing.factor().min(1.0);
+    let mut levels = Levels { base: least, origin: surface.bounds().min, cells: vec![] };
+    let mut points: Vec<Point> = vec![];
+    // Position, size and distance from the wall: a step shorter than that cannot leave.
+    let mut queue: VecDeque<(Point, f64, f64)> = VecDeque::new();
+    let mut directions: Vec<Vector> = vec![];
+    for s in 0..8 {
+        let sign = |b: i32| if s >> b & 1 == 0 { 0.5 } else { -0.5 };
+        directions.push(Vector::new(sign(0), sign(1), sign(2)));
+    }
+    for a in 0..3 {
+        for s in [1.0, -1.0] {
+            let mut v = Vector::zeros();
+            v[a] = s;
+            directions.push(v);
+        }
+    }
+    let mut offer = |p: Point, guess: f64, queue: &mut VecDeque<(Point, f64, f64)>| {
+        // Most proposals end here, before the dearer question for the wall.
+        if levels.near(&p, 0.6 * APART * guess, &points) {
+            return;
+        }
+        let here = sizing.at(&p);
+        if here.distance < WALL * here.size || levels.near(&p, APART * here.size, &points) {
+            return;
+        }
+        levels.insert(&p, here.size, points.len() as u32);
+        points.push(p);
+        queue.push_back((p, here.size, here.distance));
+    };
+    // A seed under each triangle, used only where the points before it have not come.
+    for t in 0..surface.triangles.len() {
+        let Some(n) = surface.area_vector2(t).try_normalize(0.0) else { continue };
+        let [a, b, c] = surface.corners(t);
+        let middle = Point::from((a.coords + b.coords + c.coords) / 3.0);
+        let h = surface.triangles[t].iter().map(|&v| sizing.wall_sizes()[v as usize]).sum::<f64>() / 3.0;
+        let (start, seed) = (middle - n * (0.01 * h), middle - n * (1.5 * h));
+        if sizing.bvh().ray(&start, &(seed - start), 1.0).is_none() {
+            offer(seed, h, &mut queue);
+        }
+        let mut count = 0;
+        while let Some((p, h, wall)) = queue.pop_front() {
+            for d in &directions {
+                let step = d * (LATTICE * h);
+                let q = p + step;
+                if step.norm() < wall || sizing.bvh().ray(&p, &step, 1.0).is_none() {
+                    offer(q, h, &mut queue);
+                }
+            }
+            count += 1;
+            if count % 1024 == 0 && stop() {
+                return points;
+            }
+        }
+    }
+    points
+}

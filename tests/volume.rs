@@ -1,0 +1,59 @@
+//! A vessel surface becomes tetrahedra, with TetGen in a process of its own.
+
+#[path = "common/vessels.rs"]
+mod vessels;
+
+use lumenmesh::mesh::TriMesh;
+use lumenmesh::remesh::Uniform;
+use lumenmesh::volume::{Error, VolumeOptions, WorkerOptions, fill};
+
+fn options() -> VolumeOptions {
+    let worker = WorkerOptions { executable: Some(env!("CARGO_BIN_EXE_lumenmesh").into()), ..WorkerOptions::default() };
+    VolumeOptions { worker, ..VolumeOptions::default() }
+}
+
+fn volume(points: &[lumenmesh::geometry::Point], tets: &[[u32; 4]]) -> f64 {
+    tets.iter()
+        .map(|t| {
+            let p = t.map(|v| points[v as usize]);
+            (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0])) / 6.0
+        })
+        .sum()
+}
+
+#[test]
+fn a_tube_is_filled_and_its_surface_comes_back_unchanged() {
+    let s = vessels::straight(2.0, 8.0, 3);
+    let (m, summary) = fill(&s, &Uniform(0.7), &options()).unwrap();
+    assert_eq!(m.points[..s.points.len()], s.points[..]);
+    let faces: Vec<_> = m.boundary.iter().map(|f| ([f.vertices[0], f.vertices[1], f.vertices[2]], f.patch)).collect();
+    let wanted: Vec<_> = s.triangles.iter().copied().zip(s.patch.iter().copied()).collect();
+    assert_eq!(faces, wanted);
+    assert_eq!(m.patches, s.patches);
+    assert!((volume(&m.points, &m.tets) / s.volume() - 1.0).abs() < 1e-12);
+    let ratio = summary.estimated_cells as f64 / m.tets.len() as f64;
+    assert!((0.6..1.6).contains(&ratio), "{ratio}");
+    assert!(summary.size_ratio[0] > 1.0 / 1.5 && summary.size_ratio[2] < 1.5, "{:?}", summary.size_ratio);
+}
+
+#[test]
+fn the_same_surface_gives_the_same_mesh_in_millimetres_and_metres() {
+    let s = vessels::straight(2.0, 6.0, 2);
+    // A power of two: exact, so that the meshes must be the same to the bit.
+    let small = TriMesh { points: s.points.iter().map(|p| p * 0.0009765625).collect(), ..s.clone() };
+    let (a, _) = fill(&s, &Uniform(f64::NAN), &options()).unwrap();
+    let (b, _) = fill(&small, &Uniform(f64::NAN), &options()).unwrap();
+    assert_eq!(a.tets, b.tets);
+    assert!(a.points.iter().zip(&b.points).all(|(p, q)| p * 0.0009765625 == *q));
+}
+
+#[test]
+fn a_surface_with_a_hole_is_refused_with_the_place() {
+    let mut s = vessels::straight(2.0, 6.0, 2);
+    s.triangles.remove(7);
+    s.patch.remove(7);
+    let e = fill(&s, &Uniform(1.0), &options()).unwrap_err();
+    assert!(matches!(e, Error::Surface(_)));
+    let text = e.to_string();
+    assert!(text.contains("open") && text.contains("near (") && text.contains("close the holes"), "{text}");
+}
