@@ -1,5 +1,6 @@
 //! Surface remeshing on the implicit under a guidance field.
 
+pub mod advancing_front;
 pub mod angle_repair;
 pub mod isotropic;
 mod relax;
