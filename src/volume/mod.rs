@@ -5,6 +5,7 @@
 //! see [`worker`]) connects them and recovers the surface; [`optimise`] then removes what TetGen leaves: slivers.
 
 pub mod check;
+pub mod optimise;
 pub mod packing;
 mod protocol;
 pub mod sizing;
@@ -22,6 +23,7 @@ use crate::mesh::{BoundaryFace, Patch, TriMesh, VolumeMesh};
 use crate::remesh::SizeField;
 
 pub use check::SurfaceFault;
+pub use optimise::{OptimiseOptions, OptimiseSummary, optimise};
 pub use sizing::SizingOptions;
 pub use worker::{WorkerError, WorkerOptions};
 

@@ -1,0 +1,75 @@
+//! The measure that is optimised: volume over that of the regular tetrahedron with the same circumradius.
+
+use crate::geometry::{Point, Vector};
+
+/// Volume of the regular tetrahedron over the cube of its circumradius: 8√3/27.
+const REGULAR: f64 = 0.513_200_239_279_667_3;
+
+/// 1 − equi-volume skewness of a positive tetrahedron: 1 for the regular one, 0 or less for a flat or inverted one.
+pub fn quality(p: &[Point; 4]) -> f64 {
+    let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
+    let bc = b.cross(&c);
+    let six = a.dot(&bc);
+    let v: Vector = bc * a.norm_squared() + c.cross(&a) * b.norm_squared() + a.cross(&b) * c.norm_squared();
+    // R = |v| / (2 · 6V), so V / (REGULAR R³) = (6V)⁴ · 8 / (6 REGULAR |v|³).
+    let n2 = v.norm_squared();
+    if n2 <= 0.0 {
+        return 0.0;
+    }
+    let s2 = six * six;
+    let q = s2 * s2 * (8.0 / (6.0 * REGULAR)) / (n2 * n2.sqrt());
+    if !q.is_finite() {
+        return 0.0;
+    }
+    if six > 0.0 { q } else { -q }
+}
+
+/// Six times the volume.
+pub fn volume6(p: &[Point; 4]) -> f64 {
+    (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]))
+}
+
+/// Least and largest dihedral angle, degrees.
+pub fn dihedral_range(p: &[Point; 4]) -> (f64, f64) {
+    let n = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
+        .map(|[a, b, c]: [usize; 3]| (p[b] - p[a]).cross(&(p[c] - p[a])).normalize());
+    let (mut lo, mut hi) = (180.0f64, 0.0f64);
+    for i in 0..4 {
+        for j in 0..i {
+            let d = (-n[i].dot(&n[j])).clamp(-1.0, 1.0).acos().to_degrees();
+            lo = lo.min(d);
+            hi = hi.max(d);
+        }
+    }
+    (lo, hi)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn regular(scale: f64) -> [Point; 4] {
+        [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(|p| Point::from(p) * scale)
+    }
+
+    #[test]
+    fn the_regular_tetrahedron_is_one_at_any_size_and_a_flat_one_nothing() {
+        for scale in [1e-6, 1.0, 1e5] {
+            let p = regular(scale);
+            let p = if volume6(&p) > 0.0 { p } else { [p[0], p[2], p[1], p[3]] };
+            assert!((quality(&p) - 1.0).abs() < 1e-12);
+            assert!((quality(&[p[1], p[0], p[2], p[3]]) + 1.0).abs() < 1e-12);
+            let (lo, hi) = dihedral_range(&p);
+            assert!((lo - 70.528_779).abs() < 1e-5 && (hi - lo).abs() < 1e-9);
+        }
+        let flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]].map(Point::from);
+        assert_eq!(quality(&flat), 0.0);
+    }
+
+    #[test]
+    fn the_corner_of_a_cube_has_its_known_skewness() {
+        // V = 1/6, R = √3/2: 1 − S = (1/6) / (8√3/27 · 3√3/8) = 1/2.
+        let p = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(Point::from);
+        assert!((quality(&p) - 0.5).abs() < 1e-12);
+    }
+}
