@@ -14,6 +14,5 @@ pub mod mesh;
 pub mod openings;
 pub mod polygonize;
 pub mod quality;
-pub mod pointcloud;
 pub mod remesh;
 pub mod volume;

@@ -2,7 +2,6 @@
 
 pub mod bvh;
 pub mod halfedge;
-pub mod faces;
 pub mod intersect;
 #[cfg(test)]
 pub(crate) mod test_shapes;
