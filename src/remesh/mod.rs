@@ -2,10 +2,13 @@
 
 pub mod advancing_front;
 pub mod angle_repair;
+mod band_grid;
+pub mod curvature;
 pub mod isotropic;
 mod relax;
 mod repair_moves;
 pub mod shape;
+pub mod size_field;
 mod supports;
 mod surface;
 #[cfg(test)]
@@ -65,6 +68,14 @@ pub enum Error {
         at: Point,
         /// The value there.
         size: f64,
+    },
+    /// A length or factor that cannot be.
+    #[error("{name} is {value}; give a positive number")]
+    BadLength {
+        /// Name of the option.
+        name: &'static str,
+        /// Its value.
+        value: f64,
     },
 }
 

@@ -148,7 +148,7 @@ impl<'a> Surface<'a> {
     /// Whether triangles that stood at `before` may be replaced by ones that stand at `after`.
     #[inline]
     pub fn stands(before: f64, after: f64) -> bool {
-        after >= UPRIGHT || after > before
+        after >= UPRIGHT || after >= before
     }
 
     /// Position, wall normal and kind for a new vertex on the edge of `h`, near the point at `t` from its origin.

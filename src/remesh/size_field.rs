@@ -1,0 +1,422 @@
+//! The guidance field: how long edges shall be, everywhere.
+//!
+//! After Schreiner, Scheidegger and Silva 2006 ("High-quality extraction of isosurfaces from regular and irregular
+//! grids"): ideal lengths at samples of the surface, from curvature and here also from the vessel's radius, the
+//! voxel's size and the user's wishes, made Lipschitz so that lengths change slowly. It is kept on a lattice round
+//! the surface: reading it costs tens of nanoseconds.
+
+use std::f64::consts::PI;
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::band_grid::BandGrid;
+use super::curvature::largest_curvature;
+use super::{Error, SizeField};
+use crate::geometry::{Aabb, Point};
+use crate::implicit::Implicit;
+use crate::mesh::TriMesh;
+
+/// Where edge lengths come from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EdgeLength {
+    /// From radius, curvature and the chord error that the voxels allow.
+    Auto,
+    /// This many millimetres where nothing asks for less.
+    Fixed(f64),
+    /// As `Auto`, scaled so that about this many triangles come out.
+    TargetFaces(usize),
+}
+
+/// A part of space with its own edge length.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Refinement {
+    /// Edges inside a ball are at most `edge_length` long.
+    Sphere {
+        /// Centre.
+        center: Point,
+        /// Radius, mm.
+        radius: f64,
+        /// Edge length, mm.
+        edge_length: f64,
+    },
+    /// Edges inside a box are at most `edge_length` long.
+    Box {
+        /// The box.
+        bounds: Aabb,
+        /// Edge length, mm.
+        edge_length: f64,
+    },
+}
+
+impl Refinement {
+    fn at(&self, p: &Point) -> Option<f64> {
+        let (inside, h) = match self {
+            Refinement::Sphere { center, radius, edge_length } => ((p - center).norm() <= *radius, *edge_length),
+            Refinement::Box { bounds, edge_length } => (bounds.squared_distance(p) <= 0.0, *edge_length),
+        };
+        inside.then_some(h)
+    }
+}
+
+/// Options of [`GuidanceField::new`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GuidanceOptions {
+    /// Where lengths come from.
+    pub edge_length: EdgeLength,
+    /// Edges round a vessel's circumference at least, with `Auto`: 28 is 13° of arc an edge.
+    pub edges_per_circumference: f64,
+    /// Edges round the circle that the surface bends along most, with `Auto`.
+    pub edges_per_turn: f64,
+    /// Chord error bound with `Auto`: h ≤ √(this · voxel diagonal · R), that is h²/(16 R) ≤ 1 % of the diagonal.
+    pub chord: f64,
+    /// Edges round the circumference at least, with a fixed length too: fewer lose the tube's shape.
+    pub least_edges_per_circumference: f64,
+    /// Shortest wish, mm; a fifth of a voxel without it.
+    pub min: Option<f64>,
+    /// Longest wish, mm.
+    pub max: Option<f64>,
+    /// Factor on every wish: 0.5 halves all edges.
+    pub scale: f64,
+    /// Largest change of the wish per distance.
+    pub gradation: f64,
+    /// Finer parts.
+    pub refine: Vec<Refinement>,
+}
+
+impl Default for GuidanceOptions {
+    fn default() -> Self {
+        GuidanceOptions {
+            edge_length: EdgeLength::Auto,
+            edges_per_circumference: 28.0,
+            edges_per_turn: 20.0,
+            chord: 0.16,
+            least_edges_per_circumference: 8.0,
+            min: None,
+            max: None,
+            scale: 1.0,
+            gradation: 0.15,
+            refine: Vec::new(),
+        }
+    }
+}
+
+/// What limited the edge length, as parts of the surface's area.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Limits {
+    /// Edges round the circumference.
+    pub radius: f64,
+    /// Bending.
+    pub curvature: f64,
+    /// Chord error.
+    pub chord: f64,
+    /// The length given.
+    pub fixed: f64,
+    /// Spheres and boxes.
+    pub refinement: f64,
+    /// Shortest length.
+    pub min: f64,
+    /// Longest length.
+    pub max: f64,
+}
+
+/// What [`GuidanceField::new`] chose and why.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Shortest wish on the surface, mm.
+    pub min: f64,
+    /// Median over the area, mm.
+    pub median: f64,
+    /// Longest wish on the surface, mm.
+    pub max: f64,
+    /// Factor that was applied, `target_faces` included.
+    pub scale: f64,
+    /// Triangles that may be expected.
+    pub predicted_faces: usize,
+    /// Part of the area that each rule decided.
+    pub decided_by: Limits,
+    /// One sentence for the report.
+    pub why: String,
+}
+
+/// Wished edge length on a lattice round the surface.
+#[derive(Debug, Clone)]
+pub struct GuidanceField {
+    grid: BandGrid,
+}
+
+impl SizeField for GuidanceField {
+    #[inline]
+    fn size(&self, p: &Point) -> f64 {
+        self.grid.at(p)
+    }
+}
+
+impl GuidanceField {
+    /// Builds the field over `mesh`, a closed polygonization of `f` with vertices on it. `radii` are places on the
+    /// vessels' axes with the radius of the largest inscribed sphere there; without any, curvature alone tells the
+    /// radius. `spacing` is the voxel's, mm.
+    ///
+    /// # Errors
+    /// [`Error::NotManifold`] for a mesh that is not closed; [`Error::BadLength`] for a wish that is not positive.
+    pub fn new(
+        mesh: &TriMesh,
+        f: &dyn Implicit,
+        radii: &[(Point, f64)],
+        spacing: [f64; 3],
+        options: &GuidanceOptions,
+    ) -> Result<(GuidanceField, Summary), Error> {
+        check_lengths(options)?;
+        let diagonal = spacing.iter().map(|s| s * s).sum::<f64>().sqrt();
+        let voxel = (spacing[0] * spacing[1] * spacing[2]).cbrt();
+        let kappa = largest_curvature(mesh, f)?;
+        let radius = local_radius(mesh, radii, &kappa);
+        let min = options.min.unwrap_or(0.2 * voxel);
+        let max = options.max.unwrap_or(f64::INFINITY);
+        let wish = |v: usize| {
+            let round = |n: f64| 2.0 * radius[v] * (PI / n).sin();
+            match options.edge_length {
+                EdgeLength::Fixed(h) => {
+                    let least = round(options.least_edges_per_circumference);
+                    if h <= least { (h, Rule::Fixed) } else { (least, Rule::Radius) }
+                }
+                _ => [
+                    (round(options.edges_per_circumference), Rule::Radius),
+                    (2.0 * (PI / options.edges_per_turn).sin() / kappa[v].max(1e-12), Rule::Curvature),
+                    ((options.chord * diagonal * radius[v]).sqrt(), Rule::Chord),
+                ]
+                .into_iter()
+                .fold((f64::INFINITY, Rule::Chord), |a, b| if b.0 < a.0 { b } else { a }),
+            }
+        };
+        let wishes: Vec<(f64, Rule)> = (0..mesh.points.len()).into_par_iter().map(wish).collect();
+        let area = vertex_areas(mesh);
+        let bounded = |v: usize, scale: f64| {
+            let (h, rule) = wishes[v];
+            let (mut h, mut rule) = (h * scale, rule);
+            for r in &options.refine {
+                if let Some(inside) = r.at(&mesh.points[v]).filter(|x| x * scale < h) {
+                    (h, rule) = (inside * scale, Rule::Refinement);
+                }
+            }
+            if h < min * scale.min(1.0) {
+                (h, rule) = (min * scale.min(1.0), Rule::Min);
+            }
+            if h > max {
+                (h, rule) = (max, Rule::Max);
+            }
+            (h, rule)
+        };
+        let build = |scale: f64| {
+            let samples: Vec<(Point, f64)> =
+                (0..mesh.points.len()).into_par_iter().map(|v| (mesh.points[v], bounded(v, scale).0)).collect();
+            let longest = samples.iter().map(|s| s.1).fold(0.0, f64::max);
+            let bounds = mesh.bounds();
+            // Lattice cells of about a voxel, finer only where the wishes themselves are far longer or shorter.
+            let grid = BandGrid::new(&bounds, voxel.max(0.05 * longest), &samples, options.gradation, longest);
+            let field = GuidanceField { grid };
+            let sizes: Vec<f64> = mesh.points.par_iter().map(|p| field.size(p)).collect();
+            let faces = predicted_faces(&area, &sizes);
+            (field, sizes, faces)
+        };
+        let mut scale = options.scale;
+        let (mut field, mut sizes, mut faces) = build(scale);
+        if let EdgeLength::TargetFaces(wanted) = options.edge_length {
+            let wanted = wanted.max(4) as f64;
+            for _ in 0..12 {
+                if (faces / wanted - 1.0).abs() < 0.01 {
+                    break;
+                }
+                scale *= (faces / wanted).sqrt();
+                (field, sizes, faces) = build(scale);
+            }
+        }
+        let rules: Vec<Rule> = (0..mesh.points.len()).map(|v| bounded(v, scale).1).collect();
+        let summary = summarise(&area, &sizes, &rules, scale, faces, options);
+        Ok((field, summary))
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rule {
+    Radius,
+    Curvature,
+    Chord,
+    Fixed,
+    Refinement,
+    Min,
+    Max,
+}
+
+fn check_lengths(o: &GuidanceOptions) -> Result<(), Error> {
+    let fixed = match o.edge_length {
+        EdgeLength::Fixed(h) => Some(h),
+        _ => None,
+    };
+    let mut named = vec![
+        ("edge_length", fixed),
+        ("min", o.min),
+        ("max", o.max),
+        ("scale", Some(o.scale)),
+        ("gradation", Some(o.gradation)),
+        ("edges_per_circumference", Some(o.edges_per_circumference)),
+        ("edges_per_turn", Some(o.edges_per_turn)),
+        ("chord", Some(o.chord)),
+    ];
+    for r in &o.refine {
+        match r {
+            Refinement::Sphere { edge_length, .. } | Refinement::Box { edge_length, .. } => {
+                named.push(("refine.edge_length", Some(*edge_length)));
+            }
+        }
+    }
+    match named.into_iter().find(|(_, v)| v.is_some_and(|v| !(v.is_finite() && v > 0.0))) {
+        Some((name, Some(value))) => Err(Error::BadLength { name, value }),
+        _ => Ok(()),
+    }
+}
+
+/// Radius of the vessel at every vertex: of the axis sample whose sphere comes nearest (power distance).
+fn local_radius(mesh: &TriMesh, radii: &[(Point, f64)], kappa: &[f64]) -> Vec<f64> {
+    let bend = |v: usize| 1.0 / kappa[v].max(1e-12);
+    let diagonal = mesh.bounds().diagonal();
+    if radii.is_empty() {
+        return (0..mesh.points.len()).map(|v| bend(v).min(0.5 * diagonal)).collect();
+    }
+    // Power distance |x−c|² − R² as a Euclidean one, with a fourth coordinate.
+    let largest = radii.iter().map(|r| r.1 * r.1).fold(0.0, f64::max);
+    let lifted: Vec<[f64; 4]> = radii.iter().map(|(c, r)| [c.x, c.y, c.z, (largest - r * r).max(0.0).sqrt()]).collect();
+    let tree = kiddo::ImmutableKdTree::<f64, 4>::new_from_slice(&lifted);
+    mesh.points
+        .par_iter()
+        .map(|p| {
+            let found = tree.nearest_one::<kiddo::SquaredEuclidean>(&[p.x, p.y, p.z, 0.0]);
+            radii[found.item as usize].1
+        })
+        .collect()
+}
+
+fn vertex_areas(mesh: &TriMesh) -> Vec<f64> {
+    let mut area = vec![0.0; mesh.points.len()];
+    for (t, tri) in mesh.triangles.iter().enumerate() {
+        let a = mesh.area_vector2(t).norm() / 6.0;
+        for &v in tri {
+            area[v as usize] += a;
+        }
+    }
+    area
+}
+
+/// Triangles of a mesh whose edges have the wished lengths.
+fn predicted_faces(area: &[f64], sizes: &[f64]) -> f64 {
+    area.iter().zip(sizes).map(|(a, h)| a / (0.75f64.sqrt() * 0.5 * h * h)).sum()
+}
+
+fn summarise(
+    area: &[f64],
+    sizes: &[f64],
+    rules: &[Rule],
+    scale: f64,
+    faces: f64,
+    options: &GuidanceOptions,
+) -> Summary {
+    let total: f64 = area.iter().sum();
+    let part = |rule: Rule| area.iter().zip(rules).filter(|x| *x.1 == rule).map(|x| x.0).sum::<f64>() / total;
+    let mut order: Vec<usize> = (0..sizes.len()).collect();
+    order.sort_unstable_by(|&a, &b| sizes[a].total_cmp(&sizes[b]).then(a.cmp(&b)));
+    let mut seen = 0.0;
+    let median = order.iter().find(|&&v| { seen += area[v]; seen >= 0.5 * total }).map_or(0.0, |&v| sizes[v]);
+    let (min, max) = (order.first().map_or(0.0, |&v| sizes[v]), order.last().map_or(0.0, |&v| sizes[v]));
+    let decided_by = Limits {
+        radius: part(Rule::Radius),
+        curvature: part(Rule::Curvature),
+        chord: part(Rule::Chord),
+        fixed: part(Rule::Fixed),
+        refinement: part(Rule::Refinement),
+        min: part(Rule::Min),
+        max: part(Rule::Max),
+    };
+    let percent = |x: f64| (100.0 * x).round();
+    let why = format!(
+        "edges of {min:.3} to {max:.3} mm (median {median:.3} mm), scale {scale:.3}: {} % of the area by radius (at least \
+         {} edges round), {} % by curvature, {} % by chord error, {} % as given, {} % by refinement, {} % at the shortest, \
+         {} % at the longest length",
+        percent(decided_by.radius),
+        match options.edge_length {
+            EdgeLength::Fixed(_) => options.least_edges_per_circumference,
+            _ => options.edges_per_circumference,
+        },
+        percent(decided_by.curvature),
+        percent(decided_by.chord),
+        percent(decided_by.fixed),
+        percent(decided_by.refinement),
+        percent(decided_by.min),
+        percent(decided_by.max),
+    );
+    Summary { min, median, max, scale, predicted_faces: faces.round() as usize, decided_by, why }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Vector;
+    use crate::remesh::testing::{Capsules, polygonize};
+
+    const VOXEL: [f64; 3] = [0.5; 3];
+
+    #[test]
+    fn auto_puts_the_edges_round_a_tube_and_says_why() {
+        let f = Capsules::tube(2.0, 12.0);
+        let mesh = polygonize(&f, 0.35);
+        let axis: Vec<(Point, f64)> = (-12..=12).map(|i| (Point::new(0., 0., 0.5 * f64::from(i)), 2.0)).collect();
+        let (field, summary) = GuidanceField::new(&mesh, &f, &axis, VOXEL, &GuidanceOptions::default()).unwrap();
+        let expected = 2.0 * 2.0 * (PI / 28.0).sin();
+        assert!((field.size(&Point::new(2.0, 0.0, 0.0)) / expected - 1.0).abs() < 0.02, "{summary:?}");
+        assert!(summary.decided_by.radius > 0.9, "{summary:?}");
+        let half = GuidanceOptions { scale: 0.5, ..GuidanceOptions::default() };
+        let (half, finer) = GuidanceField::new(&mesh, &f, &axis, VOXEL, &half).unwrap();
+        assert!((half.size(&Point::new(2.0, 0.0, 0.0)) / expected - 0.5).abs() < 0.02);
+        assert!((finer.predicted_faces as f64 / summary.predicted_faces as f64 - 4.0).abs() < 0.2);
+    }
+
+    #[test]
+    fn a_refined_sphere_grades_into_the_rest() {
+        let f = Capsules::tube(2.0, 20.0);
+        let mesh = polygonize(&f, 0.4);
+        let center = Point::new(2.0, 0.0, 0.0);
+        let options = GuidanceOptions {
+            edge_length: EdgeLength::Fixed(0.8),
+            refine: vec![Refinement::Sphere { center, radius: 1.0, edge_length: 0.2 }],
+            ..GuidanceOptions::default()
+        };
+        let (field, summary) = GuidanceField::new(&mesh, &f, &[], VOXEL, &options).unwrap();
+        assert!((field.size(&center) - 0.2).abs() < 0.02 && (summary.max - 0.8).abs() < 1e-6, "{summary:?}");
+        assert!((field.size(&Point::new(-2.0, 0.0, 10.0)) - 0.8).abs() < 1e-6);
+        // Lipschitz along the tube, and positive far away.
+        for i in 0..200 {
+            let p = Point::new(2.0, 0.0, -10.0 + 0.1 * f64::from(i));
+            let q = p + Vector::new(0.0, 0.0, 0.1);
+            assert!((field.size(&p) - field.size(&q)).abs() <= 0.15 * 0.1 * 1.3, "{i}");
+        }
+        assert!(field.size(&Point::new(500.0, 0.0, 0.0)) > 0.1);
+    }
+
+    #[test]
+    fn target_faces_are_met_by_prediction() {
+        let f = Capsules::y();
+        let mesh = polygonize(&f, 0.35);
+        let options = GuidanceOptions { edge_length: EdgeLength::TargetFaces(6000), ..GuidanceOptions::default() };
+        let (_, summary) = GuidanceField::new(&mesh, &f, &[], VOXEL, &options).unwrap();
+        assert!((summary.predicted_faces as f64 / 6000.0 - 1.0).abs() < 0.02, "{summary:?}");
+    }
+
+    #[test]
+    fn a_negative_length_is_named() {
+        let f = Capsules::tube(2.0, 6.0);
+        let options = GuidanceOptions { edge_length: EdgeLength::Fixed(-1.0), ..GuidanceOptions::default() };
+        let error = GuidanceField::new(&polygonize(&f, 0.6), &f, &[], VOXEL, &options).unwrap_err();
+        assert_eq!(error.to_string(), "edge_length is -1; give a positive number");
+    }
+}
