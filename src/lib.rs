@@ -14,5 +14,6 @@ pub mod mesh;
 pub mod openings;
 pub mod polygonize;
 pub mod quality;
+pub mod pointcloud;
 pub mod remesh;
 pub mod volume;

@@ -1,5 +1,7 @@
 //! Implicit vessel surfaces: negative inside, zero on the wall, positive outside.
 
+pub mod mpu;
+
 use nalgebra::Matrix3;
 
 use crate::geometry::{Aabb, Point, Vector};

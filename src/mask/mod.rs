@@ -1,17 +1,23 @@
 //! Binary masks on an affine voxel grid.
 
 mod boundary;
+mod clean;
 mod components;
+mod contacts;
 mod crop;
 mod distance;
 mod error;
 mod grid;
 mod image;
 mod morphology;
+mod neighborhood;
 mod select;
 mod topology;
+mod tunnels;
+mod workspace;
 
 pub use boundary::BoundaryDistance;
+pub use clean::{Change, ChangeKind, CleaningOptions, CleaningReport, Components, Total, clean};
 pub use components::{Component, Connectivity, Labels, label};
 pub use crop::{crop_pad, lumen_box, split_components};
 pub use distance::{signed_distance, squared_distance_to};

@@ -2,6 +2,7 @@
 
 pub mod bvh;
 pub mod halfedge;
+pub mod faces;
 pub mod intersect;
 #[cfg(test)]
 pub(crate) mod test_shapes;

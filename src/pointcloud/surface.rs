@@ -1,0 +1,177 @@
+//! Oriented points from a closed triangle surface.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::OrientedPoints;
+use crate::geometry::{Point, Vector};
+use crate::mesh::{TriMesh, intersect, topology};
+
+/// How a surface is sampled.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct SurfaceOptions {
+    /// Distance between points, mm; `None`: the median edge length.
+    pub pitch: Option<f64>,
+}
+
+/// Why a surface cannot be the wall of a lumen.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SurfaceError {
+    /// There is no triangle.
+    #[error("the surface has no triangles: check the file")]
+    Empty,
+    /// An edge has one triangle only.
+    #[error("the surface is open: {edges} edges have one triangle only, the first at ({x:.4}, {y:.4}, {z:.4}) mm; close the holes, or give the mask that the surface came from", x = at[0], y = at[1], z = at[2])]
+    Open {
+        /// Edges with one triangle.
+        edges: usize,
+        /// Position of the first.
+        at: [f64; 3],
+    },
+    /// Triangle soup: edges with more than two triangles, neighbours of opposite orientation, vertices with several fans.
+    #[error("the surface is no oriented 2-manifold: {edges} edges have more than two triangles, {turned} edges join triangles of opposite orientation, {vertices} vertices join several fans, {degenerate} triangles have no three distinct corners; the first fault lies at ({x:.4}, {y:.4}, {z:.4}) mm; repair the surface or give the mask that it came from", x = at[0], y = at[1], z = at[2])]
+    NotManifold {
+        /// Edges with more than two triangles.
+        edges: usize,
+        /// Edges whose triangles disagree.
+        turned: usize,
+        /// Vertices whose triangles form more than one fan.
+        vertices: usize,
+        /// Triangles without three distinct corners.
+        degenerate: usize,
+        /// Position of the first fault.
+        at: [f64; 3],
+    },
+    /// Triangles cut each other.
+    #[error("the surface cuts itself: {pairs} pairs of triangles, the first (triangles {first} and {second}) at ({x:.4}, {y:.4}, {z:.4}) mm; repair the surface or give the mask that it came from", x = at[0], y = at[1], z = at[2])]
+    SelfIntersecting {
+        /// Number of pairs.
+        pairs: usize,
+        /// First triangle of the first pair.
+        first: u32,
+        /// Second triangle of the first pair.
+        second: u32,
+        /// Middle of the first triangle.
+        at: [f64; 3],
+    },
+    /// A coordinate is infinite or not a number, or the surface encloses nothing.
+    #[error("the surface is flat or has coordinates that are no finite numbers (point {0}): check the file")]
+    Degenerate(usize),
+    /// The distance between points is no positive number.
+    #[error("the distance between points is {0} mm; it must be a finite number above zero")]
+    Pitch(f64),
+}
+
+/// Checks that `mesh` bounds a body: closed, oriented 2-manifold without self-intersections, of finite coordinates.
+///
+/// A surface that is turned inside out as a whole passes; its volume is negative.
+///
+/// # Errors
+/// Names the first fault with its place.
+pub fn check_surface(mesh: &TriMesh) -> Result<(), SurfaceError> {
+    if mesh.triangles.is_empty() {
+        return Err(SurfaceError::Empty);
+    }
+    if let Some(n) = mesh.points.iter().position(|p| !p.coords.iter().all(|c| c.is_finite())) {
+        return Err(SurfaceError::Degenerate(n));
+    }
+    let report = topology::check(mesh);
+    let at = report.first_fault(mesh).map_or([f64::NAN; 3], Into::into);
+    if report.open_edges > 0 && report.nonmanifold_edges + report.inconsistent_edges + report.degenerate_triangles == 0 {
+        return Err(SurfaceError::Open { edges: report.open_edges, at });
+    }
+    if !report.is_closed_manifold() {
+        return Err(SurfaceError::NotManifold {
+            edges: report.nonmanifold_edges,
+            turned: report.inconsistent_edges,
+            vertices: report.nonmanifold_vertices,
+            degenerate: report.degenerate_triangles,
+            at,
+        });
+    }
+    let cuts = intersect::self_intersections(mesh);
+    if let Some(&(first, second)) = cuts.first() {
+        let [a, b, c] = mesh.corners(first as usize);
+        let at = Point::from((a.coords + b.coords + c.coords) / 3.0).into();
+        return Err(SurfaceError::SelfIntersecting { pairs: cuts.len(), first, second, at });
+    }
+    if mesh.volume() == 0.0 {
+        return Err(SurfaceError::Degenerate(0));
+    }
+    Ok(())
+}
+
+/// Samples a closed surface evenly: every triangle carries a lattice of points at most `pitch` apart, with normals
+/// interpolated from the angle-weighted normals of its corners. A surface turned inside out is turned back.
+///
+/// # Errors
+/// Whatever [`check_surface`] finds, and a pitch that is no positive number.
+pub fn from_surface(mesh: &TriMesh, options: &SurfaceOptions) -> Result<OrientedPoints, SurfaceError> {
+    check_surface(mesh)?;
+    let pitch = match options.pitch {
+        Some(p) if p.is_finite() && p > 0.0 => p,
+        Some(p) => return Err(SurfaceError::Pitch(p)),
+        None => median_edge(mesh),
+    };
+    let outward = mesh.volume().signum();
+    let normals = vertex_normals(mesh);
+    let samples: Vec<Vec<(Point, Vector)>> = (0..mesh.triangles.len())
+        .into_par_iter()
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            let flat = mesh.area_vector2(t);
+            let [na, nb, nc] = mesh.triangles[t].map(|v| normals[v as usize]);
+            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            let rows = (longest / pitch).ceil().clamp(1.0, 4096.0) as usize;
+            let mut out = Vec::new();
+            // Middles of the rows × rows congruent subtriangles, up and down.
+            for i in 0..rows {
+                for j in 0..rows - i {
+                    for third in [1.0, 2.0] {
+                        if third == 2.0 && i + j + 1 >= rows {
+                            continue;
+                        }
+                        let (u, v) = ((i as f64 + third / 3.0) / rows as f64, (j as f64 + third / 3.0) / rows as f64);
+                        let p = a + (b - a) * u + (c - a) * v;
+                        let n = na * (1.0 - u - v) + nb * u + nc * v;
+                        if let Some(n) = n.try_normalize(0.0).or_else(|| flat.try_normalize(0.0)) {
+                            out.push((p, n * outward));
+                        }
+                    }
+                }
+            }
+            out
+        })
+        .collect();
+    let mut cloud = OrientedPoints::default();
+    for (p, n) in samples.into_iter().flatten() {
+        cloud.points.push(p);
+        cloud.normals.push(n);
+        cloud.pitch.push(pitch);
+    }
+    Ok(cloud)
+}
+
+fn median_edge(mesh: &TriMesh) -> f64 {
+    let mut lengths: Vec<f64> = (0..mesh.triangles.len())
+        .flat_map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            [(b - a).norm(), (c - b).norm(), (a - c).norm()]
+        })
+        .collect();
+    let middle = lengths.len() / 2;
+    *lengths.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn vertex_normals(mesh: &TriMesh) -> Vec<Vector> {
+    let mut normals = vec![Vector::zeros(); mesh.points.len()];
+    for (t, tri) in mesh.triangles.iter().enumerate() {
+        let p = mesh.corners(t);
+        let Some(n) = mesh.area_vector2(t).try_normalize(0.0) else { continue };
+        for i in 0..3 {
+            let (u, v) = (p[(i + 1) % 3] - p[i], p[(i + 2) % 3] - p[i]);
+            normals[tri[i] as usize] += n * u.angle(&v);
+        }
+    }
+    normals.iter().map(|n| n.try_normalize(0.0).unwrap_or_else(Vector::zeros)).collect()
+}
