@@ -235,9 +235,9 @@ pub(super) fn tet_quality([a, b, c, d]: [Point; 4]) -> f64 {
     if !(six.abs() > 0.0) || !(area > 0.0) {
         return 0.0;
     }
-    // R = area / (24 V) and V_opt = (8√3/27) R³; V = six / 6, so V/V_opt = six⁴ 64 27 / (6 · 8√3 · area³).
+    // R = area / (24 V), V = six / 6, V_opt = (8√3/27) R³, so V/V_opt = 12√3 six⁴ / area³.
     let t = six.abs() / area;
-    let quality = 36.0 * 3f64.sqrt() * t * t * t * six.abs();
+    let quality = 12.0 * 3f64.sqrt() * t * t * t * six.abs();
     quality.min(1.0).copysign(six)
 }
 
