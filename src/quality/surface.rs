@@ -33,9 +33,9 @@ impl Default for SurfaceOptions {
 pub enum Shape {
     /// No area: two corners coincide or all three lie on a line.
     Degenerate,
-    /// One small angle: a short edge.
+    /// One small angle and none above 120°: a short edge.
     Needle,
-    /// One angle near 180°: a corner close to the opposite edge.
+    /// One angle above 120°: a corner close to the opposite edge.
     Cap,
 }
 
@@ -203,7 +203,7 @@ pub fn surface(mesh: &TriMesh, options: &SurfaceOptions) -> SurfaceQuality {
             let (_, _, hi, area) = measured[t];
             let reason = match () {
                 () if !(area > 0.0) => Shape::Degenerate,
-                () if (hi - 60.0) / 120.0 >= s[t] => Shape::Cap,
+                () if hi > 120.0 => Shape::Cap,
                 () => Shape::Needle,
             };
             WorstTriangle { id, s: s[t], center: Point::from((a.coords + b.coords + c.coords) / 3.0), patch: name_of(t), reason }
