@@ -1,8 +1,13 @@
 //! Inlets and outlets: detection, plane cuts, caps, flow extensions.
 
+mod cap;
+mod cut;
+
+pub use cut::{CutOptions, CutSummary, OpeningMeasure, cut, measure};
+
 use serde::Serialize;
 
-use crate::geometry::Plane;
+use crate::geometry::{Plane, Point};
 use crate::mesh::{PatchId, PatchKind};
 
 /// How an opening was found.
@@ -36,4 +41,52 @@ pub struct Opening {
     pub confidence: f64,
     /// Connected component of the mask that it belongs to.
     pub component: u32,
+}
+
+/// Why an opening cannot be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The plane meets no wall near its centre.
+    #[error(
+        "opening `{name}`: its plane meets no vessel near its centre ({:.3}, {:.3}, {:.3}); the nearest wall is at ({:.3}, {:.3}, {:.3}): move the centre into the vessel (LPS mm)",
+        at.x, at.y, at.z, nearest.x, nearest.y, nearest.z
+    )]
+    Misses {
+        /// Name of the opening.
+        name: String,
+        /// Its centre.
+        at: Point,
+        /// The nearest point of the wall.
+        nearest: Point,
+    },
+    /// Both sides of the cut hang together.
+    #[error(
+        "opening `{name}`: the vessel cut at ({:.3}, {:.3}, {:.3}) is part of a ring, so that one plane opens nothing: give a second plane on the ring, or drop this one",
+        at.x, at.y, at.z
+    )]
+    Ring {
+        /// Name of the opening.
+        name: String,
+        /// A point of the cut.
+        at: Point,
+    },
+    /// Everything lies beyond the plane.
+    #[error("opening `{name}`: everything lies beyond its plane at ({:.3}, {:.3}, {:.3}): turn its normal round, it must point out of the vessel", at.x, at.y, at.z)]
+    NothingLeft {
+        /// Name of the opening.
+        name: String,
+        /// Its centre.
+        at: Point,
+    },
+    /// The section is no simple polygon.
+    #[error("opening `{name}`: the section at ({:.3}, {:.3}, {:.3}) is not one simple loop: shift the plane along the vessel by about a radius", at.x, at.y, at.z)]
+    NotSimple {
+        /// Name of the opening.
+        name: String,
+        /// Its centre.
+        at: Point,
+    },
+    /// The rim cannot be remeshed.
+    #[error("the surface cannot be remeshed round its openings: {0}")]
+    Remesh(Box<crate::remesh::Error>),
 }
