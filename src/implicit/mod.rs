@@ -1,5 +1,6 @@
 //! Implicit vessel surfaces: negative inside, zero on the wall, positive outside.
 
+pub mod guard;
 pub mod mpu;
 
 use nalgebra::Matrix3;

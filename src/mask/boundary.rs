@@ -2,7 +2,7 @@
 
 use super::Mask;
 use super::morphology::dilate;
-use crate::geometry::Point;
+use crate::geometry::{Point, Vector};
 
 /// Signed distance to the faces between lumen and background voxels, for points anywhere in the world.
 ///
@@ -66,6 +66,27 @@ impl BoundaryDistance {
 
     /// Signed distance at `p`, mm, clamped to ± [`BoundaryDistance::reach`] far from the boundary.
     pub fn value(&self, p: &Point) -> f64 {
+        self.nearest(p).0
+    }
+
+    /// Signed distance and its gradient: a unit vector out of the lumen; zero where the distance is clamped.
+    pub fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        let (value, hit) = self.nearest(p);
+        let Some((within, offset)) = hit else { return (value, Vector::zeros()) };
+        let sign = if value.is_sign_negative() { -1.0 } else { 1.0 };
+        // The way to the nearest box of the other kind; on the face itself towards that box.
+        let way = [0, 1, 2].map(|a| {
+            let (c, h) = (f64::from(offset[a]) * self.spacing[a], 0.5 * self.spacing[a]);
+            within[a].clamp(c - h, c + h) - within[a]
+        });
+        let along = if value.abs() > 1e-9 * self.reach { way } else { offset.map(f64::from) };
+        let world = self.grid.axes * Vector::from_fn(|a, _| along[a] / self.spacing[a]);
+        (value, world.try_normalize(0.0).unwrap_or_else(Vector::zeros) * -sign)
+    }
+
+    /// Signed distance, and the place in its voxel with the step to the nearest voxel of the other kind.
+    #[inline]
+    fn nearest(&self, p: &Point) -> (f64, Option<([f64; 3], [i32; 3])>) {
         let c = self.grid.to_index(p);
         let mut n = 0i64;
         let mut within = [0.0; 3];
@@ -74,7 +95,7 @@ impl BoundaryDistance {
             let v = r as i64 + self.pad;
             // `layers` voxels of padding stay free all round: every neighbour lies in the array.
             if v < self.pad - 1 || v > self.dims[a] - self.pad {
-                return self.reach;
+                return (self.reach, None);
             }
             within[a] = (c[a] - r) * self.spacing[a];
             n = n * self.dims[a] + v;
@@ -83,9 +104,10 @@ impl BoundaryDistance {
         let object = cell & OBJECT;
         let sign = if object != 0 { -1.0 } else { 1.0 };
         if cell & NEAR == 0 {
-            return sign * self.reach;
+            return (sign * self.reach, None);
         }
         let mut best = self.reach * self.reach;
+        let mut hit = None;
         for &(least, offset, step) in &self.offsets {
             if least >= best {
                 break;
@@ -98,9 +120,12 @@ impl BoundaryDistance {
                 let away = (f64::from(offset[a]) * self.spacing[a] - within[a]).abs() - 0.5 * self.spacing[a];
                 d += away.max(0.0).powi(2);
             }
-            best = best.min(d);
+            if d < best {
+                best = d;
+                hit = Some((within, offset));
+            }
         }
-        sign * best.sqrt()
+        (sign * best.sqrt(), hit)
     }
 }
 
@@ -172,5 +197,24 @@ mod tests {
             let p = mask.grid.to_world(Vector::new(i as f64, j as f64, k as f64));
             approx::assert_relative_eq!(field.value(&p), f64::from(d).clamp(-field.reach(), field.reach()), max_relative = 1e-6);
         }
+    }
+
+    #[test]
+    fn gradient_is_the_derivative_of_the_distance_and_points_out_of_the_lumen() {
+        let grid = Grid::new([9, 9, 9], [0.5, 1.0, 2.0], Point::origin(), Matrix3::from_diagonal(&Vector::new(-1.0, 1.0, 1.0))).expect("grid");
+        let data = (0..grid.len()).map(|n| u8::from(grid.voxel(n).iter().all(|c| (2..7).contains(c)))).collect();
+        let d = BoundaryDistance::new(&Mask::new(grid, data), 3);
+        for p in [Point::new(-0.6, 4.1, 7.9), Point::new(-0.9, 4.0, 8.0), Point::new(-3.4, 7.0, 13.6), Point::new(-1.3, 6.3, 8.2)] {
+            let (value, gradient) = d.value_gradient(&p);
+            assert_eq!(value, d.value(&p));
+            for a in 0..3 {
+                let mut e = Vector::zeros();
+                e[a] = 1e-6;
+                let slope = (d.value(&(p + e)) - d.value(&(p - e))) / 2e-6;
+                approx::assert_relative_eq!(gradient[a], slope, epsilon = 1e-6);
+            }
+        }
+        // On a face: lumen begins at x = -0.75 (the axis runs against the world's).
+        assert_eq!(d.value_gradient(&Point::new(-0.75, 4.0, 8.0)).1, Vector::x());
     }
 }

@@ -317,7 +317,7 @@ fn join(a: [[usize; 2]; 3], b: [[usize; 2]; 3]) -> [[usize; 2]; 3] {
 }
 
 /// Combines every voxel with its two neighbours along x, then y, then z; beyond the array a voxel repeats itself.
-pub(super) fn block3(data: &[u8], [nx, ny, nz]: [usize; 3], combine: impl Fn(u8, u8, u8) -> u8 + Sync) -> Vec<u8> {
+pub(crate) fn block3(data: &[u8], [nx, ny, nz]: [usize; 3], combine: impl Fn(u8, u8, u8) -> u8 + Sync) -> Vec<u8> {
     let slab = nx * ny;
     let mut flat = vec![0u8; data.len()];
     flat.par_chunks_mut(slab).zip(data.par_chunks(slab)).for_each(|(out, input)| {

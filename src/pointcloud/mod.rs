@@ -23,6 +23,7 @@ use serde::Serialize;
 use crate::geometry::{Point, Vector};
 use crate::mask::Mask;
 use lattice::Lattice;
+pub(crate) use lattice::block3;
 use smoothing::Smoothed;
 
 /// Points near the wall with unit normals that point out of the lumen.

@@ -143,12 +143,13 @@ fn oblique_left_handed_and_anisotropic_grids_give_points_and_normals_of_the_worl
     assert!(grid.is_left_handed());
     let (center, r) = (grid.to_world(Vector::new(11.6, 10.2, 7.3)), 3.5);
     let lumen = mask_on(grid.clone(), |v| (grid.to_world(Vector::from(v.map(|c| c as f64))) - center).norm() < r);
-    for options in [PointCloudOptions::paper(), PointCloudOptions::cfd()] {
+    // The gradient of labels knows 26 directions only, so the paper's normals are coarse on such voxels.
+    for (options, straightness) in [(PointCloudOptions::paper(), 0.7), (PointCloudOptions::cfd(), 0.97)] {
         let (cloud, _) = extract(&lumen, &options).unwrap();
         assert!(cloud.len() > 300);
         let half_voxel_diagonal = 0.5 * grid.voxel_diagonal();
         let straight = cloud.points.iter().zip(&cloud.normals).map(|(p, n)| n.dot(&(p - center).normalize())).sum::<f64>() / cloud.len() as f64;
-        assert!(straight > 0.85, "normals point out of the lumen: mean cosine {straight}");
+        assert!(straight > straightness, "normals point out of the lumen: mean cosine {straight}");
         for (p, n) in cloud.points.iter().zip(&cloud.normals) {
             let off = (p - center).norm() - r;
             assert!(off.abs() < 1.3 * half_voxel_diagonal, "{off}");
