@@ -2,6 +2,7 @@
 
 pub mod guard;
 pub mod mpu;
+pub mod offset;
 
 use nalgebra::Matrix3;
 
@@ -39,5 +40,27 @@ pub trait Implicit: Sync {
             m.set_column(a, &d);
         }
         0.5 * (m + m.transpose())
+    }
+}
+
+impl<I: Implicit + ?Sized> Implicit for &I {
+    fn value(&self, p: &Point) -> f64 {
+        (**self).value(p)
+    }
+
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        (**self).value_gradient(p)
+    }
+
+    fn bounds(&self) -> Aabb {
+        (**self).bounds()
+    }
+
+    fn resolution(&self) -> f64 {
+        (**self).resolution()
+    }
+
+    fn hessian(&self, p: &Point) -> Matrix3<f64> {
+        (**self).hessian(p)
     }
 }
