@@ -12,6 +12,7 @@ pub mod io;
 pub mod mask;
 pub mod mesh;
 pub mod openings;
+pub mod phantom;
 pub mod polygonize;
 pub mod quality;
 pub mod pointcloud;

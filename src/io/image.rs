@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use nalgebra::Matrix3;
 
 use super::scalars::{Layout, read_values};
-use super::{Error, metaimage, nifti, nrrd};
+use super::{Error, metaimage, nifti, nrrd, vti};
 pub use crate::mask::{Image, LengthUnit, Values};
 use crate::geometry::{Point, Vector};
 use crate::mask::Grid;
 
 /// Endings of the formats that [`read`] knows.
-pub const FORMATS: &str = ".nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz";
+pub const FORMATS: &str = ".nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti";
 
 /// Reads a three-dimensional scalar picture; the ending of the name tells the format (see [`FORMATS`]).
 ///
@@ -31,6 +31,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<Image, Error> {
         metaimage::read(path)
     } else if is(&[".nii", ".nii.gz"]) {
         nifti::read(path)
+    } else if is(&[".vti"]) {
+        vti::read(path)
     } else {
         Err(Error::UnknownFormat { path: path.into(), known: FORMATS })
     }

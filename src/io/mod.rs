@@ -16,5 +16,6 @@ mod text;
 pub mod vtk_xml;
 pub mod vtp;
 pub mod vtu;
+pub mod vti;
 
 pub use error::Error;
