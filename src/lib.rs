@@ -6,6 +6,7 @@
 
 pub mod centerline;
 pub mod config;
+pub mod flow;
 pub mod geometry;
 pub mod implicit;
 pub mod io;

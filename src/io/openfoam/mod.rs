@@ -1,7 +1,9 @@
 //! OpenFOAM: the mesh (`constant/polyMesh`) and a complete case around it. Metres and seconds throughout.
 
+mod case;
 mod poly_mesh;
 
+pub use case::write_case;
 pub use poly_mesh::write_poly_mesh;
 
 /// The head of a file.
