@@ -216,7 +216,7 @@ fn core(field: &Field, path: &[u32]) -> usize {
 fn extend(field: &Field, points: &mut Vec<Point>, radius: f64) -> f64 {
     // The last piece of the skeleton already leans to the tip's corner.
     let tip = points[points.len() - 1];
-    while points.len() > 4 && (points[points.len() - 2] - tip).norm() < (0.6 * radius).max(2.0 * field.voxel_size) {
+    while points.len() > 4 && (points[points.len() - 2] - tip).norm() < (0.6 * radius).max(radius.min(2.0 * field.voxel_size)) {
         points.pop();
     }
     let n = points.len();

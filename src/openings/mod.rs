@@ -2,13 +2,20 @@
 
 mod cap;
 mod cut;
+mod detect;
+mod names;
+mod section;
+mod user;
 
 pub use cut::{CutOptions, CutSummary, OpeningMeasure, cut, measure};
+pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
+pub use section::{Section, section};
+pub use user::{UserError, UserOpenings, UserPlane, apply_user};
 
 use serde::Serialize;
 
 use crate::geometry::{Plane, Point};
-use crate::mesh::{PatchId, PatchKind};
+use crate::mesh::{Patch, PatchId, PatchKind};
 
 /// How an opening was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -89,4 +96,12 @@ pub enum Error {
     /// The rim cannot be remeshed.
     #[error("the surface cannot be remeshed round its openings: {0}")]
     Remesh(Box<crate::remesh::Error>),
+}
+
+/// The wall and the openings as patches, by id.
+pub fn patches(openings: &[Opening]) -> Vec<Patch> {
+    let mut all = vec![Patch::wall()];
+    all.extend(openings.iter().map(|o| Patch { id: o.id, name: o.name.clone(), kind: o.kind }));
+    all.sort_by_key(|p| p.id);
+    all
 }

@@ -1,0 +1,259 @@
+//! Planes, names and wishes of the user.
+
+use serde::Serialize;
+
+use super::names::{self, Sized};
+use super::section::section;
+use super::{FoundBy, Opening};
+use crate::centerline::{Centerlines, EndKind};
+use crate::geometry::{Plane, Point, Vector};
+use crate::mask::Mask;
+use crate::mesh::PatchKind;
+
+/// A plane given by the user.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct UserPlane {
+    /// Patch name.
+    pub name: String,
+    /// A point on the plane within the branch, LPS mm.
+    pub center: Point,
+    /// Direction out of the vessel, any length.
+    pub normal: Vector,
+    /// Inlet or outlet; by the name where not given: `inlet…` is an inlet.
+    pub kind: Option<PatchKind>,
+}
+
+/// What the user wants of the openings.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct UserOpenings {
+    /// Planes; one within two radii of a detected opening replaces it.
+    pub planes: Vec<UserPlane>,
+    /// Names of detected openings to leave closed.
+    pub drop: Vec<String>,
+    /// Other names: from, to.
+    pub rename: Vec<(String, String)>,
+    /// Name of the opening that is the inlet.
+    pub inlet: Option<String>,
+}
+
+/// Why a wish cannot be met.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum UserError {
+    /// The normal has no direction.
+    #[error("opening `{name}`: the normal {normal:?} has no direction; give a vector out of the vessel")]
+    Normal {
+        /// Opening.
+        name: String,
+        /// As given.
+        normal: [f64; 3],
+    },
+    /// The centre lies outside the lumen.
+    #[error("opening `{name}`: the plane's centre {center:.3?} misses the vessel by {distance:.3} mm; the nearest point of the axis is {nearest:.3?} (LPS mm): give a point inside the branch to be cut")]
+    Misses {
+        /// Opening.
+        name: String,
+        /// As given, LPS mm.
+        center: [f64; 3],
+        /// Distance from the inscribed sphere nearest to it, mm.
+        distance: f64,
+        /// Nearest point of the centerline, LPS mm.
+        nearest: [f64; 3],
+    },
+    /// The plane's normal points along the wall.
+    #[error("opening `{name}`: at {center:.3?} the normal is {angle:.0}° off the vessel's axis {axis:.3?}; the plane must cross the vessel: turn it to less than 60°")]
+    Grazes {
+        /// Opening.
+        name: String,
+        /// As given, LPS mm.
+        center: [f64; 3],
+        /// Angle, degrees.
+        angle: f64,
+        /// Axis there, out of the vessel.
+        axis: [f64; 3],
+    },
+    /// The plane lies in a closed piece of the vessel that is no branch.
+    #[error("opening `{name}`: the plane at {center:.3?} cuts a sac or junction (its section is {ratio:.1} times that of the inscribed sphere): move it along the branch")]
+    Sac {
+        /// Opening.
+        name: String,
+        /// As given, LPS mm.
+        center: [f64; 3],
+        /// Section area by the area of the inscribed circle.
+        ratio: f64,
+    },
+    /// The normal points into the vessel: all of it would go.
+    #[error("opening `{name}` at {center:.3?} would cut off {share:.0} % of the vessel and leave the tip: turn the normal round")]
+    CutsEverything {
+        /// Opening.
+        name: String,
+        /// As given, LPS mm.
+        center: [f64; 3],
+        /// Percentage of the centerline's length on the removed side.
+        share: f64,
+    },
+    /// A name in `drop`, `rename` or `inlet` is unknown.
+    #[error("there is no opening `{name}` to {wish}; there are: {known}")]
+    UnknownName {
+        /// As given.
+        name: String,
+        /// What was wished.
+        wish: &'static str,
+        /// Names that exist.
+        known: String,
+    },
+    /// Two openings share a name.
+    #[error("two openings are called `{0}`: names must differ")]
+    SameName(String),
+}
+
+/// Applies the user's planes and names to detected openings; returns them by id, with warnings.
+pub fn apply_user(
+    mask: &Mask,
+    lines: &Centerlines,
+    detected: Vec<Opening>,
+    user: &UserOpenings,
+) -> Result<(Vec<Opening>, Vec<String>), UserError> {
+    let mut warnings = Vec::new();
+    let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    let area = |o: &Opening| section(mask, &o.plane, 4.0 * o.radius + 2.0 * voxel).map_or(0.0, |s| s.area);
+    let known = |list: &[Sized]| list.iter().map(|s| s.opening.name.as_str()).collect::<Vec<_>>().join(", ");
+    let mut list: Vec<Sized> =
+        detected.into_iter().map(|opening| Sized { area: area(&opening), opening, fixed: false }).collect();
+    for name in &user.drop {
+        let Some(n) = list.iter().position(|s| s.opening.name == *name) else {
+            return Err(UserError::UnknownName { name: name.clone(), wish: "drop", known: known(&list) });
+        };
+        list.remove(n);
+    }
+    let mut renamed = Vec::new();
+    for (from, to) in &user.rename {
+        let Some(n) = list.iter().position(|s| s.opening.name == *from) else {
+            return Err(UserError::UnknownName { name: from.clone(), wish: "rename", known: known(&list) });
+        };
+        renamed.push((n, to.clone()));
+    }
+    for (n, to) in renamed {
+        list[n].opening.name = to;
+        list[n].fixed = true;
+    }
+    for plane in &user.planes {
+        let opening = resolve(mask, lines, plane, voxel, &mut warnings)?;
+        list.retain(|s| {
+            (s.opening.plane.origin - opening.plane.origin).norm() > 2.0 * s.opening.radius.max(opening.radius)
+                || s.opening.found_by == FoundBy::User
+        });
+        list.push(Sized { area: area(&opening), opening, fixed: true });
+    }
+    if let Some(name) = &user.inlet {
+        let Some(n) = list.iter().position(|s| s.opening.name == *name) else {
+            return Err(UserError::UnknownName { name: name.clone(), wish: "make the inlet", known: known(&list) });
+        };
+        let component = list[n].opening.component;
+        for (m, s) in list.iter_mut().enumerate().filter(|(_, s)| s.opening.component == component) {
+            s.opening.kind = if m == n { PatchKind::Inlet } else { PatchKind::Outlet };
+        }
+    } else if list.iter().any(|s| s.fixed && s.opening.kind == PatchKind::Inlet) {
+        // The user's inlet displaces the guessed one of its component.
+        let given: Vec<u32> = list
+            .iter()
+            .filter(|s| s.fixed && s.opening.kind == PatchKind::Inlet)
+            .map(|s| s.opening.component)
+            .collect();
+        for s in list.iter_mut().filter(|s| !s.fixed && given.contains(&s.opening.component)) {
+            s.opening.kind = PatchKind::Outlet;
+        }
+    }
+    names::choose_inlets(&mut list);
+    let openings = names::assign(list);
+    let mut names: Vec<&str> = openings.iter().map(|o| o.name.as_str()).collect();
+    names.sort_unstable();
+    if let Some(w) = names.windows(2).find(|w| w[0] == w[1]) {
+        return Err(UserError::SameName(w[0].into()));
+    }
+    Ok((openings, warnings))
+}
+
+fn resolve(
+    mask: &Mask,
+    lines: &Centerlines,
+    user: &UserPlane,
+    voxel: f64,
+    warnings: &mut Vec<String>,
+) -> Result<Opening, UserError> {
+    let name = user.name.clone();
+    let center: [f64; 3] = user.center.into();
+    let plane = Plane::new(user.center, user.normal).ok_or(UserError::Normal { name, normal: user.normal.into() })?;
+    let name = user.name.clone();
+    // The branch whose inscribed spheres are nearest.
+    let mut nearest: Option<(f64, usize, usize)> = None;
+    for (b, branch) in lines.branches.iter().enumerate() {
+        for (i, s) in branch.samples.iter().enumerate() {
+            let d = (s.point - user.center).norm() - s.radius;
+            if nearest.is_none_or(|(n, ..)| d < n) {
+                nearest = Some((d, b, i));
+            }
+        }
+    }
+    let misses = |distance: f64, p: [f64; 3]| UserError::Misses { name: name.clone(), center, distance, nearest: p };
+    let Some((distance, b, i)) = nearest else { return Err(misses(f64::INFINITY, [f64::NAN; 3])) };
+    let branch = &lines.branches[b];
+    // Where the plane crosses the branch nearest to the centre.
+    let s = branch.samples.windows(2).enumerate().filter_map(|(n, w)| {
+        let [x, y] = [plane.signed_distance(&w[0].point), plane.signed_distance(&w[1].point)];
+        (x * y <= 0.0 && x != y).then(|| {
+            let p = w[0].point + (w[1].point - w[0].point) * (x / (x - y));
+            ((p - user.center).norm(), n, p)
+        })
+    });
+    let crossing = s.min_by(|a, b| a.0.total_cmp(&b.0));
+    let sample = &branch.samples[i];
+    if distance > 0.5 * sample.radius + voxel {
+        return Err(misses(distance, sample.point.into()));
+    }
+    let (at, origin) = match crossing {
+        Some((d, n, p)) if d < 3.0 * sample.radius => (n, p),
+        _ => (i, plane.project(&sample.point)),
+    };
+    let sample = &branch.samples[at];
+    let cosine = plane.normal.dot(&sample.tangent);
+    if cosine.abs() < 0.5 {
+        let axis = if cosine < 0.0 { -sample.tangent } else { sample.tangent };
+        return Err(UserError::Grazes { name, center, angle: cosine.abs().acos().to_degrees(), axis: axis.into() });
+    }
+    let plane = Plane { origin, normal: plane.normal };
+    let Some(cut) = section(mask, &plane, 4.0 * sample.radius + 2.0 * voxel) else {
+        return Err(misses(distance.max(0.0), sample.point.into()));
+    };
+    let ratio = cut.area * cosine.abs() / (std::f64::consts::PI * sample.radius * sample.radius);
+    if cut.clipped || ratio > 4.0 {
+        return Err(UserError::Sac { name, center, ratio });
+    }
+    // What lies beyond: from the plane to the branch's end on the normal's side.
+    let end = usize::from(cosine > 0.0);
+    let beyond = if end == 1 { branch.length() - sample.arc_length } else { sample.arc_length };
+    let whole: f64 = lines.branches.iter().filter(|o| o.component == branch.component).map(|o| o.length()).sum();
+    let left = branch.length() - beyond;
+    let others = whole - branch.length();
+    let lone_tip = branch.ends[1 - end] == EndKind::Free && left < 2.0 * sample.radius;
+    if lone_tip || (branch.ends[end] == EndKind::Junction && branch.ends[1 - end] == EndKind::Free && beyond + others > left) {
+        return Err(UserError::CutsEverything { name, center, share: 100.0 * (beyond + others) / whole });
+    }
+    let kind = user.kind.unwrap_or(if user.name.starts_with("inlet") { PatchKind::Inlet } else { PatchKind::Outlet });
+    if kind == PatchKind::Inlet && left < 2.0 * sample.radius {
+        warnings.push(format!(
+            "opening `{}` at {center:.3?} leaves {left:.3} mm of inlet before the next junction, less than a diameter ({:.3} mm): add an extension or move it out",
+            user.name,
+            2.0 * sample.radius
+        ));
+    }
+    Ok(Opening {
+        id: 0,
+        name: user.name.clone(),
+        kind,
+        plane,
+        radius: sample.radius,
+        found_by: FoundBy::User,
+        confidence: 1.0,
+        component: branch.component,
+    })
+}
