@@ -118,10 +118,15 @@ pub fn repair(
     field: &dyn SizeField,
     options: &RepairOptions,
 ) -> Result<(TriMesh, Summary), Error> {
-    let mut s = super::take_over(mesh, supports, field, options.region.as_deref(), &options.features)?;
+    let s = super::take_over(mesh, supports, field, options.region.as_deref(), &options.features)?;
+    Ok(finish(s, options))
+}
+
+/// Repairs a surface that was taken over and gives it back.
+pub(crate) fn finish(mut s: Surface, options: &RepairOptions) -> (TriMesh, Summary) {
     let mut summary = run(&mut s, options);
     summary.worst = list_worst(&s, options);
-    Ok((s.mesh.into_mesh(), summary))
+    (s.mesh.into_mesh(), summary)
 }
 
 /// Badness of a triangle in steps; 0 at or below the target.

@@ -4,6 +4,7 @@ pub mod advancing_front;
 pub mod angle_repair;
 mod band_grid;
 pub mod curvature;
+pub mod improve;
 pub mod isotropic;
 mod relax;
 mod repair_moves;

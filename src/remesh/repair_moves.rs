@@ -152,6 +152,18 @@ fn collapsed(s: &Surface, e: u32, p: &Point, n: &Vector, limits: Limits) -> Opti
     Some(sorted(list))
 }
 
+/// Worst cosine round the vertex left by drawing `e` together at `p`; `None` where a triangle would turn over.
+pub(crate) fn collapsed_shape(s: &Surface, e: u32, p: &Point, n: &Vector) -> Option<f64> {
+    let gone = [e / 3, s.mesh.twin(e) / 3];
+    let mut worst = 0.0f64;
+    for v in [s.mesh.origin(e), s.mesh.target(e)] {
+        for h in s.mesh.outgoing(v).filter(|h| !gone.contains(&(h / 3))) {
+            worst = worst.max(moved_triangle(s, h, p, n)?);
+        }
+    }
+    Some(worst)
+}
+
 fn reach2(s: &Surface, v: u32) -> f64 {
     s.mesh.outgoing(v).map(|h| (s.point(s.mesh.target(h)) - s.point(v)).norm_squared()).fold(0.0, f64::max)
 }
