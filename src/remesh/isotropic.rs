@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::anneal::anneal;
 use super::relax::{Balance, relax};
 use super::shape::worst_cosine;
 use super::surface::Surface;
@@ -106,7 +107,7 @@ fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
         }
     }
     for _ in 0..options.finishing {
-        summary.flips += flip_for_valence(s);
+        summary.flips += flip_for_valence(s) + anneal(s, 4);
         let ids = s.vertices();
         for _ in 0..options.relaxations {
             relax(s, &ids, centroid(1.0));

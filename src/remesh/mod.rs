@@ -1,7 +1,9 @@
 //! Surface remeshing on the implicit under a guidance field.
 
 pub mod advancing_front;
+
 pub mod angle_repair;
+mod anneal;
 mod band_grid;
 pub mod curvature;
 pub mod improve;
