@@ -4,10 +4,13 @@
 //! Interior points are laid out by [`sizing`] and packed at the wished spacing; TetGen (in a worker process,
 //! see [`worker`]) connects them and recovers the surface; [`optimise`] then removes what TetGen leaves: slivers.
 
+pub mod build;
 pub mod check;
+pub mod layers;
 pub mod optimise;
 pub mod packing;
 mod protocol;
+pub mod series;
 pub mod sizing;
 pub mod worker;
 
@@ -22,7 +25,9 @@ use crate::mesh::intersect::self_intersections;
 use crate::mesh::{BoundaryFace, Patch, TriMesh, VolumeMesh};
 use crate::remesh::SizeField;
 
+pub use build::{BuildOptions, BuildSummary, build};
 pub use check::SurfaceFault;
+pub use layers::{LayerOptions, LayerSummary};
 pub use optimise::{OptimiseOptions, OptimiseSummary, optimise};
 pub use sizing::SizingOptions;
 pub use worker::{WorkerError, WorkerOptions};
@@ -67,6 +72,12 @@ pub enum Error {
         /// Size of the surface.
         triangles: usize,
     },
+    /// There is no room for layers, however thin.
+    #[error(
+        "volume: boundary layers are not possible on this surface, even at a thousandth of the wished thickness: \
+         remesh it (folds or triangles of high skewness at the wall), or set the number of layers to 0"
+    )]
+    Layers,
     /// The caller asked to stop.
     #[error("volume: cancelled")]
     Cancelled,
@@ -223,7 +234,16 @@ fn tetrahedralize(
             }
             Err(WorkerError::Cancelled) => return Err(Error::Cancelled),
             Err(e @ WorkerError::Start { .. }) => return Err(Error::Start(e)),
-            Err(e) => Some(e.to_string()),
+            Err(e) => {
+                // A time limit only fails: what mesh comes out must not depend on the machine's speed.
+                let last = matches!(e, WorkerError::TimeLimit { .. });
+                let failure = Some(e.to_string());
+                if last {
+                    attempts.push(Attempt { name, switches, seconds, failure });
+                    break;
+                }
+                failure
+            }
         };
         attempts.push(Attempt { name, switches, seconds, failure });
     }

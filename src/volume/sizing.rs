@@ -209,7 +209,7 @@ impl<'a> Sizing<'a> {
 }
 
 /// Radius of the largest ball inside that touches the surface at `p`: a ball shrinks until nothing pokes into it.
-fn inscribed_radius(bvh: &TriangleBvh, p: &Point, normal: &Vector, h: f64, reach: f64) -> f64 {
+pub(super) fn inscribed_radius(bvh: &TriangleBvh, p: &Point, normal: &Vector, h: f64, reach: f64) -> f64 {
     let Some(n) = normal.try_normalize(0.0) else { return h };
     // Start a little inside: triangles round p are no obstacle.
     let start = p - n * (0.01 * h);
@@ -233,7 +233,7 @@ fn inscribed_radius(bvh: &TriangleBvh, p: &Point, normal: &Vector, h: f64, reach
 }
 
 /// The largest function below `f` that changes at most `slope` for each mm along edges.
-fn smooth_lower(surface: &TriMesh, mut f: Vec<f64>, slope: f64) -> Vec<f64> {
+pub(super) fn smooth_lower(surface: &TriMesh, mut f: Vec<f64>, slope: f64) -> Vec<f64> {
     let mut edges: Vec<(u32, u32)> = surface
         .triangles
         .iter()

@@ -224,13 +224,14 @@ pub(super) fn run(
         None
     };
     drop(guard);
+    if let Some(e) = ended_by {
+        // The threads end with the pipes; something the worker started may hold those open a while longer.
+        return Err(e);
+    }
     let _ = writer.join();
     let _ = reader.join();
     let said = printed.join().unwrap_or_default();
     let said = if said.is_empty() { said } else { format!("; it said: {}", last_lines(&said)) };
-    if let Some(e) = ended_by {
-        return Err(e);
-    }
     match result {
         Some(Ok(m)) => Ok(m),
         Some(Err(code)) => {

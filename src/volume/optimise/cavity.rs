@@ -50,6 +50,38 @@ pub(super) fn insert(c: &mut Complex, t: u32) -> bool {
     }
     cavities.extend(near.iter().map(|&o| vec![t, o]));
     cavities.push(vec![t]);
+    // A vertex across from a face takes the tetrahedron into its star and moves: no vertex more.
+    for &o in &near {
+        let Some(&x) = c.tets[o as usize].iter().find(|x| !corners.contains(x)) else { continue };
+        if !c.frozen[x as usize] {
+            let mut cavity = c.stars[x as usize].clone();
+            cavity.push(t);
+            cavities.push(cavity);
+        }
+    }
+    if c.surface_faces(corners) > 1 {
+        // Wedged into a rim: more room is needed for a vertex with a view of all faces.
+        let mut wide = vec![t];
+        wide.extend(&near);
+        for o in wide.clone() {
+            for f in faces(c.tets[o as usize]) {
+                if !c.is_surface(f) {
+                    wide.extend(c.across(o, f));
+                }
+            }
+        }
+        wide.sort_unstable();
+        wide.dedup();
+        for i in 0..wide.len() {
+            if wide[i] != t && !near.contains(&wide[i]) {
+                let mut cavity = vec![t];
+                cavity.extend(&near);
+                cavity.push(wide[i]);
+                cavities.push(cavity);
+            }
+        }
+        cavities.push(wide);
+    }
     let mut best: Option<(f64, Point, Vec<u32>, Vec<[u32; 3]>)> = None;
     for cavity in cavities {
         let old = c.worst(&cavity).max(best.as_ref().map_or(0.0, |b| b.0));

@@ -1,0 +1,111 @@
+//! The whole volume stage: layers along the wall, tetrahedra inside them, slivers out.
+
+use std::sync::atomic::AtomicBool;
+
+use serde::Serialize;
+
+use super::layers::{self, LayerOptions, LayerSummary};
+use super::optimise::{OptimiseOptions, OptimiseSummary, optimise};
+use super::{Error, Summary, VolumeOptions, check_surface, fill_cancellable};
+use crate::mesh::{TriMesh, VolumeMesh};
+use crate::remesh::SizeField;
+
+/// Everything the volume stage can be told.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BuildOptions {
+    /// Prisms along the wall; none by default.
+    pub layers: Option<LayerOptions>,
+    /// Sizes and the TetGen process.
+    pub fill: VolumeOptions,
+    /// Removal of slivers; `None` leaves TetGen's tetrahedra as they are.
+    pub optimise: Option<OptimiseOptions>,
+}
+
+impl Default for BuildOptions {
+    fn default() -> Self {
+        BuildOptions { layers: None, fill: VolumeOptions::default(), optimise: Some(OptimiseOptions::default()) }
+    }
+}
+
+/// What the volume stage did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BuildSummary {
+    /// The layers.
+    pub layers: Option<LayerSummary>,
+    /// TetGen.
+    pub fill: Summary,
+    /// The optimiser.
+    pub optimise: Option<OptimiseSummary>,
+    /// Thickness of the layers at each point of the surface, mm; empty without layers.
+    #[serde(skip)]
+    pub thickness: Vec<f64>,
+    /// Thickness that was wished there, mm; empty without layers.
+    #[serde(skip)]
+    pub wished_thickness: Vec<f64>,
+}
+
+/// Fills a closed, patched surface, with layers where asked for.
+///
+/// Without layers the boundary faces are the surface's triangles in their order and its points stand first. With
+/// layers that holds for the wall; the caps consist of quadrilaterals beside the layers and of triangles inside, in
+/// the same planes. Boundary faces run by rising patch then.
+///
+/// # Errors
+/// As [`super::fill`], and [`Error::Layers`].
+pub fn build(
+    surface: &TriMesh,
+    size: &dyn SizeField,
+    options: &BuildOptions,
+    cancel: Option<&AtomicBool>,
+) -> Result<(VolumeMesh, BuildSummary), Error> {
+    let Some(wanted) = options.layers.as_ref().filter(|l| l.count > 0) else {
+        let (mesh, fill, optimise) = tetrahedra(surface, size, options, cancel)?;
+        let none = vec![];
+        return Ok((mesh, BuildSummary { layers: None, fill, optimise, thickness: none.clone(), wished_thickness: none }));
+    };
+    for (option, value, must, good) in [
+        ("layers.growth", wanted.growth, "between 0.5 and 3", (0.5..=3.0).contains(&wanted.growth)),
+        ("layers.total", wanted.total, "above 0 and at most 0.6", wanted.total > 0.0 && wanted.total <= 0.6),
+        ("layers.count", f64::from(wanted.count), "at most 50", wanted.count <= 50),
+        (
+            "layers.first_height",
+            wanted.first_height.unwrap_or(1.0),
+            "above 0",
+            wanted.first_height.is_none_or(|y| y.is_finite() && y > 0.0),
+        ),
+    ] {
+        if !good {
+            return Err(Error::Option { option, value, must });
+        }
+    }
+    check_surface(surface)?;
+    let (grown, summary) = layers::grow(surface, wanted).ok_or(Error::Layers)?;
+    let (mesh, fill, optimise) = tetrahedra(&grown.inner, &Edges, options, cancel)?;
+    let (thickness, wished_thickness) = (grown.thickness.clone(), grown.wished.clone());
+    let mesh = grown.join(mesh);
+    Ok((mesh, BuildSummary { layers: Some(summary), fill, optimise, thickness, wished_thickness }))
+}
+
+/// No wish: the surface's own edges count. The inner surface's are shorter than the field that made the wall's.
+struct Edges;
+
+impl SizeField for Edges {
+    fn size(&self, _: &crate::geometry::Point) -> f64 {
+        f64::NAN
+    }
+}
+
+fn tetrahedra(
+    surface: &TriMesh,
+    size: &dyn SizeField,
+    options: &BuildOptions,
+    cancel: Option<&AtomicBool>,
+) -> Result<(VolumeMesh, Summary, Option<OptimiseSummary>), Error> {
+    let (mut mesh, mut fill) = fill_cancellable(surface, size, &options.fill, cancel)?;
+    let optimised = options.optimise.as_ref().map(|o| optimise(&mut mesh, o));
+    fill.cells = mesh.tets.len();
+    if cancel.is_some_and(|c| c.load(std::sync::atomic::Ordering::Relaxed)) {
+        return Err(Error::Cancelled);
+    }
+    Ok((mesh, fill, optimised))
+}
