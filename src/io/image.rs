@@ -89,3 +89,7 @@ pub(super) fn read_beside(header: &Path, name: &str, offset: Option<u64>, lines:
     file.seek(SeekFrom::Start(at.min(len))).map_err(|e| Error::read(&path, e))?;
     read_values(&path, file, len.saturating_sub(at), layout)
 }
+
+#[cfg(test)]
+#[path = "image_tests.rs"]
+mod tests;

@@ -13,9 +13,9 @@ mod scalars;
 pub mod simvascular;
 pub mod stl;
 mod text;
+pub mod vti;
 pub mod vtk_xml;
 pub mod vtp;
 pub mod vtu;
-pub mod vti;
 
 pub use error::Error;

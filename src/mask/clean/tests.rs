@@ -1,4 +1,4 @@
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::Rotation3;
 
 use super::*;
 use crate::geometry::{Point, Vector};
