@@ -1,8 +1,12 @@
 //! Implicit vessel surfaces: negative inside, zero on the wall, positive outside.
 
+mod band;
 pub mod guard;
 pub mod mpu;
 pub mod offset;
+pub mod smooth;
+mod solve;
+mod spline;
 
 use nalgebra::Matrix3;
 
