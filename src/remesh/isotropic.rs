@@ -43,7 +43,7 @@ impl Default for IsotropicOptions {
     fn default() -> Self {
         IsotropicOptions {
             iterations: 8,
-            relaxations: 3,
+            relaxations: 4,
             finishing: 6,
             split_above: 4.0 / 3.0,
             collapse_below: 0.8,
@@ -95,27 +95,35 @@ pub fn remesh(
 }
 
 fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
-    let centroid = |step| Balance { step, centroid: 1.0 };
     for i in 0..options.iterations {
         summary.collapses += collapse_short(s, options);
         summary.splits += split_long(s, options);
         summary.flips += flip_for_valence(s);
-        let ids = s.vertices();
-        for _ in 0..options.relaxations {
-            relax(s, &ids, centroid(if i < 2 { 0.7 } else { 1.0 }));
-            summary.relaxations += 1;
+        if 2 * i >= options.iterations {
+            summary.flips += anneal(s, 3);
         }
+        settle(s, options, if i < 2 { 0.7 } else { 1.0 }, 0.0, summary);
     }
-    for _ in 0..options.finishing {
+    for i in 0..options.finishing {
         summary.flips += flip_for_valence(s) + anneal(s, 4);
-        let ids = s.vertices();
-        for _ in 0..options.relaxations {
-            relax(s, &ids, centroid(1.0));
-            summary.relaxations += 1;
-        }
+        // Sizes first, then angles.
+        let shape = (i as f64 / options.finishing as f64).min(0.7);
+        settle(s, options, 1.0, shape, summary);
     }
     summary.flips += flip_for_angle(s);
+    settle(s, options, 0.8, 0.8, summary);
+    summary.flips += flip_for_angle(s);
     summary.unprojected = s.project_all();
+}
+
+/// A group of relaxation steps; every second one and the last end on the carrier.
+fn settle(s: &mut Surface, options: &IsotropicOptions, step: f64, shape: f64, summary: &mut Summary) {
+    let ids = s.vertices();
+    for i in 0..options.relaxations {
+        let project = i % 2 == 1 || i + 1 == options.relaxations;
+        relax(s, &ids, Balance { step, shape, project });
+        summary.relaxations += 1;
+    }
 }
 
 /// Splits edges that are too long, longest first, until none is left (at most 12 halvings).

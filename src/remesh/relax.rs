@@ -10,12 +10,16 @@ use crate::geometry::{Point, Vector};
 pub(crate) struct Balance {
     /// Part of the way to the balance point, 0 to 1.
     pub step: f64,
-    /// 0: mean of the neighbours; 1: centroid of the ring, triangles weighed by area over wished area.
-    pub centroid: f64,
+    /// 0: centroid of the ring, triangles weighed by area over wished area, which evens out sizes;
+    /// 1: mean of the places that make each triangle of the ring equilateral, which evens out angles.
+    pub shape: f64,
+    /// Whether to bring vertices back onto the carrier. Steps in the tangent plane leave it by the square of the step
+    /// only, so every second step may go without: evaluating the implicit is what costs.
+    pub project: bool,
 }
 
 /// One Jacobi step on every vertex that may move; triangles that would turn over keep their vertices.
-/// One evaluation of the implicit a vertex. Returns the longest move over the wished edge length.
+/// At most one evaluation of the implicit a vertex. Returns the longest move over the wished edge length.
 pub(crate) fn relax(s: &mut Surface, ids: &[u32], balance: Balance) -> f64 {
     let moved: Vec<Option<(Point, Vector)>> = ids.par_iter().map(|&v| target(s, v, balance)).collect();
     apply(s, ids, moved)
@@ -24,7 +28,6 @@ pub(crate) fn relax(s: &mut Surface, ids: &[u32], balance: Balance) -> f64 {
 /// Puts vertices at new places and takes back, with their neighbours' help, those that turn a triangle over.
 pub(crate) fn apply(s: &mut Surface, ids: &[u32], moved: Vec<Option<(Point, Vector)>>) -> f64 {
     let mut old: Vec<Option<(Point, Vector)>> = vec![None; s.mesh.points.len()];
-    let before: Vec<f64> = uprightness(s);
     let mut longest = 0.0f64;
     for (&v, place) in ids.iter().zip(&moved) {
         let Some((p, n)) = *place else { continue };
@@ -40,7 +43,7 @@ pub(crate) fn apply(s: &mut Surface, ids: &[u32], moved: Vec<Option<(Point, Vect
             .filter(|&t| {
                 s.mesh.has_triangle(t)
                     && s.mesh.triangle(t).iter().any(|&v| old[v as usize].is_some())
-                    && !Surface::stands(before[t as usize], s.uprightness_of(t))
+                    && turned(s, &old, t)
             })
             .collect();
         let mut any = false;
@@ -64,11 +67,15 @@ pub(crate) fn apply(s: &mut Surface, ids: &[u32], moved: Vec<Option<(Point, Vect
     longest
 }
 
-fn uprightness(s: &Surface) -> Vec<f64> {
-    (0..s.mesh.triangle_ids() as u32)
-        .into_par_iter()
-        .map(|t| if s.mesh.has_triangle(t) { s.uprightness_of(t) } else { 1.0 })
-        .collect()
+/// Whether triangle `t` leans too far and more than before the move.
+fn turned(s: &Surface, old: &[Option<(Point, Vector)>], t: u32) -> bool {
+    let after = s.uprightness_of(t);
+    if Surface::stands(f64::INFINITY, after) {
+        return false;
+    }
+    let at = s.mesh.triangle(t).map(|v| old[v as usize].unwrap_or((*s.point(v), s.normal[v as usize])));
+    let [a, b, c] = &at;
+    !Surface::stands(s.uprightness(s.mesh.patch(t), [&a.0, &b.0, &c.0], [&a.1, &b.1, &c.1]), after)
 }
 
 fn target(s: &Surface, v: u32, balance: Balance) -> Option<(Point, Vector)> {
@@ -86,6 +93,9 @@ fn target(s: &Surface, v: u32, balance: Balance) -> Option<(Point, Vector)> {
             if let Some(plane) = s.supports.plane(patch) {
                 return Some((plane.project(&(p + d)), Vector::zeros()));
             }
+            if !balance.project {
+                return Some((p + d, n));
+            }
             let (q, n, step) = s.supports.wall_step(&(p + d), h)?;
             // A long Newton step needs another.
             if step > 0.1 * h {
@@ -93,7 +103,7 @@ fn target(s: &Surface, v: u32, balance: Balance) -> Option<(Point, Vector)> {
             }
             Some((q, n))
         }
-        Kind::Curve(..) => {
+        Kind::Curve(..) if balance.project => {
             let [a, b] = s.feature_neighbours(v)?;
             let t = s.rim_direction(v)?;
             let (pa, pb) = (s.point(a), s.point(b));
@@ -110,8 +120,9 @@ fn target(s: &Surface, v: u32, balance: Balance) -> Option<(Point, Vector)> {
 
 fn balance_point(s: &Surface, v: u32, balance: Balance) -> Option<Point> {
     let p = s.point(v).coords;
+    let n = s.carrier_normal(v);
     let (mut ring, mut weight) = (Vector::zeros(), 0.0);
-    let (mut mean, mut edges) = (Vector::zeros(), 0.0);
+    let (mut ideal, mut count) = (Vector::zeros(), 0.0);
     for e in s.mesh.outgoing(v) {
         let (b, c) = (s.mesh.target(e), s.mesh.apex(e));
         let (pb, pc) = (s.point(b).coords, s.point(c).coords);
@@ -119,13 +130,11 @@ fn balance_point(s: &Surface, v: u32, balance: Balance) -> Option<Point> {
         let w = (pb - p).cross(&(pc - p)).norm() / (h * h);
         ring += (p + pb + pc) * (w / 3.0);
         weight += w;
-        // Towards long edges: each neighbour pulls by its edge over the wished length.
-        let h = 0.5 * (s.size[v as usize] + s.size[b as usize]);
-        let w = 1.0 / h;
-        mean += pb * w;
-        edges += w;
+        // The equilateral triangle on b c, on this side of it.
+        ideal += 0.5 * (pb + pc) + n.cross(&(pc - pb)) * 0.75f64.sqrt();
+        count += 1.0;
     }
     let centroid = (weight > 0.0).then(|| ring / weight)?;
-    let c = balance.centroid;
-    Some(Point::from(centroid * c + mean / edges * (1.0 - c)))
+    let c = balance.shape;
+    Some(Point::from(ideal / count * c + centroid * (1.0 - c)))
 }
