@@ -11,7 +11,8 @@
 //! *A sac is told from a stub* by these rules, each on the part of the branch outside its junction's sphere; R is its
 //! largest radius, D = 2R, L its length up to the tip. It is a sac, unless its tip is flat as a cut is, when
 //! 1. it widens towards the tip: R ≥ 1.2 times the radius at its neck, and neck to tip is no longer than 3 R; or
-//! 2. it is wider than all vessels at its junction: R ≥ 1.3 times theirs, and L ≤ 3.5 D; and
+//! 2. it is wider than all vessels at its junction: the upper quartile of its radii ≥ 1.3 times their medians, and L ≤ 3.5 D, and its radius
+//!    varies by a quarter (10 % to 90 % of its samples) or L ≤ 1.5 D; and
 //!
 //! it is a bump whatever its tip when it is shorter than wide, L ≤ D.
 
@@ -331,21 +332,29 @@ fn blind(lines: &Centerlines, branch: usize, walk: &Walk, options: &DetectOption
     if r[widest] >= options.sac_widening * r[neck] && walk.arc[neck] <= 3.0 * r[widest] {
         return Some(BlindReason::SacWithNeck);
     }
-    let own = lines.branches[branch].nodes;
+    // The vessels beyond the junction, or beyond the group of junctions that it belongs to.
+    let groups = lines.groups();
+    let group_of = |node: u32| groups[node as usize].map_or(u64::from(node) + (1 << 32), u64::from);
+    let own = lines.branches[branch].nodes.map(group_of);
     let mut others: f64 = 0.0;
     for (m, b) in lines.branches.iter().enumerate() {
-        if m == branch || !b.nodes.iter().any(|n| own.contains(n)) {
-            continue;
+        let ends = b.nodes.map(group_of);
+        let bridge = ends[0] == ends[1] && b.nodes[0] != b.nodes[1];
+        if m != branch && !bridge && ends.iter().any(|n| own.contains(n)) {
+            others = others.max(quantile(b.samples.iter().map(|s| s.radius), 0.5));
         }
-        // The vessel beyond the junction: the middle of its radii.
-        let mut radii: Vec<f64> = b.samples.iter().map(|s| s.radius).collect();
-        radii.sort_by(f64::total_cmp);
-        others = others.max(radii[radii.len() / 2]);
     }
-    let mut radii = r.to_vec();
-    radii.sort_by(f64::total_cmp);
-    let middle = radii[radii.len() / 2];
-    (others > 0.0 && middle >= options.sac_width * others && length <= 7.0 * middle).then_some(BlindReason::WideSac)
+    let at = |q: f64| quantile(r.iter().copied(), q);
+    let wide = others > 0.0 && at(0.75) >= options.sac_width * others && length <= 7.0 * at(0.75);
+    // A vessel keeps its width; a sac does not, unless it is hardly longer than wide.
+    let uneven = at(0.9) >= 1.25 * at(0.1) || length <= 3.0 * at(0.75);
+    (wide && uneven).then_some(BlindReason::WideSac)
+}
+
+fn quantile(values: impl Iterator<Item = f64>, q: f64) -> f64 {
+    let mut v: Vec<f64> = values.collect();
+    v.sort_by(f64::total_cmp);
+    v[((v.len() - 1) as f64 * q).round() as usize]
 }
 
 /// Whether the section is full right behind the tip, as a cut leaves it and a dome does not.

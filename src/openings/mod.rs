@@ -3,12 +3,14 @@
 mod cap;
 mod cut;
 mod detect;
+mod extend;
 mod names;
 mod section;
 mod user;
 
 pub use cut::{CutOptions, CutSummary, OpeningMeasure, cut, measure};
 pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
+pub use extend::{ExtendError, Extended, Extension};
 pub use section::{Section, section};
 pub use user::{UserError, UserOpenings, UserPlane, apply_user};
 
