@@ -116,3 +116,71 @@ pub fn split_components(mask: &Mask) -> Vec<Mask> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Vector3};
+
+    use super::*;
+    use crate::geometry::Point;
+    use crate::mask::Grid;
+
+    fn mask(dims: [usize; 3], rule: impl Fn([usize; 3]) -> bool) -> Mask {
+        let direction = Rotation3::from_euler_angles(0.2, 0.4, -0.9).into_inner();
+        let grid = Grid::new(dims, [0.5, 0.75, 1.25], Point::new(10.0, -20.0, 30.0), direction).expect("grid");
+        let data = (0..grid.len()).map(|n| u8::from(rule(grid.voxel(n)))).collect();
+        Mask::new(grid, data)
+    }
+
+    fn world(mask: &Mask) -> Vec<Point> {
+        let at = |n: usize| mask.grid.to_world(Vector3::from(mask.grid.voxel(n).map(|v| v as f64)));
+        (0..mask.data.len()).filter(|&n| mask.data[n] != 0).map(at).collect()
+    }
+
+    #[test]
+    fn cropping_keeps_every_voxel_at_its_place_in_the_world() {
+        let blob = mask([20, 18, 16], |[i, j, k]| (5..9).contains(&i) && (6..12).contains(&j) && k == 7);
+        let cropped = crop_pad(&blob, 3, 4);
+        assert_eq!(cropped.grid.dims, [10, 12, 7]);
+        assert_eq!(cropped.image, [[-2, 17], [-3, 14], [-4, 11]]);
+        for (a, b) in world(&blob).iter().zip(world(&cropped)) {
+            approx::assert_relative_eq!(*a, b, epsilon = 1e-12);
+        }
+        assert_eq!(cropped.count(), blob.count());
+    }
+
+    #[test]
+    fn a_vessel_at_the_border_goes_on_beyond_it_and_is_closed_behind() {
+        let tube = mask([9, 9, 12], |[i, j, _]| (3..6).contains(&i) && (3..6).contains(&j));
+        let padded = crop_pad(&tube, 2, 5);
+        assert_eq!(padded.grid.dims, [7, 7, 12 + 2 * 7]);
+        assert_eq!(padded.image[2], [7, 18]);
+        assert_eq!(padded.count(), 9 * 22);
+        assert_eq!(lumen_box(&padded), Some([[2, 4], [2, 4], [2, 23]]));
+        // Once more: what was added lies outside the picture and does not count as touching its border.
+        let again = crop_pad(&padded, 1, 5);
+        assert_eq!(again.count(), padded.count());
+    }
+
+    #[test]
+    fn components_come_by_size_each_in_its_own_box() {
+        let two = mask([20, 9, 9], |[i, j, k]| (j, k) == (4, 4) && ((2..5).contains(&i) || (8..15).contains(&i)));
+        let parts = split_components(&two);
+        assert_eq!(parts.iter().map(Mask::count).collect::<Vec<_>>(), [7, 3]);
+        assert_eq!(parts[1].grid.dims, [3, 1, 1]);
+        assert_eq!(parts[1].image, [[-2, 17], [-4, 4], [-4, 4]]);
+        let mut together = world(&parts[1]);
+        together.extend(world(&parts[0]));
+        for (a, b) in world(&two).iter().zip(together) {
+            approx::assert_relative_eq!(*a, b, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn an_empty_mask_has_no_box() {
+        let none = mask([4, 4, 4], |_| false);
+        assert_eq!(lumen_box(&none), None);
+        assert_eq!(crop_pad(&none, 2, 2).count(), 0);
+        assert!(split_components(&none).is_empty());
+    }
+}

@@ -12,6 +12,7 @@ mod image;
 mod morphology;
 mod neighborhood;
 mod select;
+mod thickness;
 mod topology;
 mod tunnels;
 mod workspace;
@@ -27,6 +28,7 @@ pub use image::{Image, LengthUnit, Values};
 pub(crate) use image::{Scalar, with_values};
 pub use morphology::{dilation, erosion, inverse_top_hat, opening, top_hat};
 pub use select::{Selection, select};
+pub use thickness::local_radius;
 pub use topology::{Topology, topology};
 
 /// A binary image: 1 is lumen, 0 is background; x runs fastest.
