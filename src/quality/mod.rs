@@ -1,5 +1,6 @@
 //! Every measure of quality, on any mesh, each by its own name.
 
+pub mod curvature;
 pub mod fidelity;
 mod foam;
 pub mod stats;

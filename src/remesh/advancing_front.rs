@@ -30,11 +30,13 @@ pub struct AdvancingFrontOptions {
     pub runaway: f64,
     /// Largest relative change of a component's area against the polygonized surface's, beyond the chord error's share.
     pub area_tolerance: f64,
+    /// Attempts at a component before it falls back, each from another seed: factors on the wished edge length.
+    pub attempts: Vec<f64>,
 }
 
 impl Default for AdvancingFrontOptions {
     fn default() -> AdvancingFrontOptions {
-        AdvancingFrontOptions { runaway: 3.0, area_tolerance: 0.25 }
+        AdvancingFrontOptions { runaway: 3.0, area_tolerance: 0.25, attempts: vec![1.0, 1.0, 0.8, 0.6] }
     }
 }
 
@@ -78,6 +80,8 @@ pub struct AdvancingFrontSummary {
     pub hole_triangles: usize,
     /// Triangles that were accepted by a lenient attempt, by leniency.
     pub by_leniency: [usize; LAST_LEVEL as usize + 1],
+    /// Components that took more than one attempt.
+    pub retried: usize,
     /// Components that keep the polygonized surface's triangles.
     pub fallbacks: Vec<Fallback>,
 }
@@ -147,6 +151,7 @@ pub fn remesh(
         summary.holes += part.holes;
         summary.hole_triangles += part.by_filling;
         summary.by_leniency.iter_mut().zip(part.by_leniency).for_each(|(s, n)| *s += n);
+        summary.retried += usize::from(part.retried);
         summary.fallbacks.extend(part.fallback);
     }
     summary.triangles = triangles.len();
@@ -179,12 +184,28 @@ struct Part {
     by_filling: usize,
     holes: usize,
     by_leniency: [usize; LAST_LEVEL as usize + 1],
+    retried: bool,
     fallback: Option<Fallback>,
+}
+
+/// A field times a factor.
+struct Scaled<'a> {
+    field: &'a dyn SizeField,
+    scale: f64,
+}
+
+impl SizeField for Scaled<'_> {
+    fn size(&self, p: &Point) -> f64 {
+        self.scale * self.field.size(p)
+    }
 }
 
 impl Part {
     fn mesh(component: &Component, surface: &Surface, options: &AdvancingFrontOptions) -> Part {
-        match advance(component, surface, options) {
+        let mut attempts = options.attempts.iter().enumerate().map(|(n, &a)| advance(component, surface, options, n, a));
+        let first = attempts.next().unwrap_or(Err(FallbackReason::NoSeed));
+        let best = first.or_else(|reason| attempts.find_map(Result::ok).ok_or(reason));
+        match best {
             Ok(part) => part,
             Err(reason) => {
                 let m = &component.mesh;
@@ -200,20 +221,29 @@ impl Part {
     }
 }
 
-fn advance(component: &Component, surface: &Surface, options: &AdvancingFrontOptions) -> Result<Part, FallbackReason> {
+/// One attempt at a component: from seed number `start`, with `scale` times the wished edge length.
+fn advance(
+    component: &Component,
+    surface: &Surface,
+    options: &AdvancingFrontOptions,
+    start: usize,
+    scale: f64,
+) -> Result<Part, FallbackReason> {
+    let scaled = Scaled { field: surface.size, scale };
+    let surface = &Surface { implicit: surface.implicit, size: &scaled };
     let background = &component.mesh;
-    let smallest = component.sizes.iter().copied().fold(f64::INFINITY, f64::min);
+    let smallest = scale * component.sizes.iter().copied().fold(f64::INFINITY, f64::min);
     let expected: f64 = (0..background.triangles.len())
         .map(|t| {
-            let h = background.triangles[t].iter().map(|&v| component.sizes[v as usize]).sum::<f64>() / 3.0;
+            let h = scale * background.triangles[t].iter().map(|&v| component.sizes[v as usize]).sum::<f64>() / 3.0;
             0.5 * background.area_vector2(t).norm() / (0.433 * h * h)
         })
         .sum();
     let limit = (options.runaway * expected) as usize + 1000;
     let mut front = Front::new(Aabb::of(&background.points).center(), 0.6 * smallest);
-    seed(&mut front, component, surface).ok_or(FallbackReason::NoSeed)?;
+    seed(&mut front, component, surface, start).ok_or(FallbackReason::NoSeed)?;
 
-    let mut part = Part { by_front: 1, ..Part::default() };
+    let mut part = Part { by_front: 1, retried: start > 0, ..Part::default() };
     let mut scratch = Scratch::default();
     while let Some(i) = front.pop() {
         let level = front.node(i).level;
@@ -255,12 +285,13 @@ fn advance(component: &Component, surface: &Surface, options: &AdvancingFrontOpt
     Ok(part)
 }
 
-/// A first triangle at the first vertex of the background where one can be made.
-fn seed(front: &mut Front, component: &Component, surface: &Surface) -> Option<()> {
+/// A first triangle at the first of 64 vertices of the background where one can be made; `start` shifts the order.
+fn seed(front: &mut Front, component: &Component, surface: &Surface, start: usize) -> Option<()> {
     let n = component.mesh.points.len();
-    let step = (n / 64).max(1);
-    for v in (0..n).step_by(step) {
-        let h = component.sizes[v];
+    let tries = n.min(64);
+    for k in 0..tries {
+        let v = (k + start * tries / 4) % tries * n / tries;
+        let h = surface.size.size(&component.mesh.points[v]);
         let Some((p, normal)) = surface.project(&component.mesh.points[v], 0.5 * h, 1e-6 * h) else { continue };
         let plane = crate::geometry::Plane { origin: p, normal };
         let (u, w) = plane.basis();
