@@ -50,16 +50,18 @@ pub(super) fn insert(c: &mut Complex, t: u32) -> bool {
     }
     cavities.extend(near.iter().map(|&o| vec![t, o]));
     cavities.push(vec![t]);
-    // A vertex across from a face takes the tetrahedron into its star and moves: no vertex more.
-    for &o in &near {
-        let Some(&x) = c.tets[o as usize].iter().find(|x| !corners.contains(x)) else { continue };
-        if !c.frozen[x as usize] {
-            let mut cavity = c.stars[x as usize].clone();
-            cavity.push(t);
-            cavities.push(cavity);
-        }
-    }
+    let mut start = None;
     if c.surface_faces(corners) > 1 {
+        start = wedge(c, corners);
+        // A vertex across from a face takes the tetrahedron into its star and moves: no vertex more.
+        for &o in &near {
+            let Some(&x) = c.tets[o as usize].iter().find(|x| !corners.contains(x)) else { continue };
+            if !c.frozen[x as usize] {
+                let mut cavity = c.stars[x as usize].clone();
+                cavity.push(t);
+                cavities.push(cavity);
+            }
+        }
         // Wedged into a rim: more room is needed for a vertex with a view of all faces.
         let mut wide = vec![t];
         wide.extend(&near);
@@ -91,7 +93,11 @@ pub(super) fn insert(c: &mut Complex, t: u32) -> bool {
             .map(|&s| c.corners(c.tets[s as usize]).iter().map(|p| p.coords).sum::<Vector>() / 4.0)
             .sum::<Vector>()
             / cavity.len() as f64;
-        let (p, q) = best_apex(c, &shell, middle.into());
+        let middle = Point::from(middle);
+        let (p, q) = std::iter::once(middle)
+            .chain(start)
+            .map(|p| best_apex(c, &shell, p))
+            .fold((middle, f64::NEG_INFINITY), |a, b| if b.1 > a.1 { b } else { a });
         if q > old + 1e-3 {
             best = Some((q, p, cavity, shell));
         }
@@ -105,6 +111,18 @@ pub(super) fn insert(c: &mut Complex, t: u32) -> bool {
     }
     c.replace(&cavity, &new);
     true
+}
+
+/// Where a vertex sees both surface faces of a tetrahedron best: from the middle of their edge along the bisector.
+fn wedge(c: &Complex, corners: [u32; 4]) -> Option<Point> {
+    let on: Vec<[u32; 3]> = faces(corners).into_iter().filter(|&f| c.is_surface(f)).collect();
+    let [f, g] = *on.first_chunk::<2>()?;
+    let p = |v: u32| c.points[v as usize];
+    let normal = |f: [u32; 3]| (p(f[1]) - p(f[0])).cross(&(p(f[2]) - p(f[0]))).try_normalize(0.0);
+    let ends: Vec<Point> = f.iter().filter(|v| g.contains(v)).map(|&v| p(v)).collect();
+    let [a, b] = *ends.first_chunk::<2>()?;
+    let inwards = -(normal(f)? + normal(g)?).try_normalize(0.1)?;
+    Some(nalgebra::center(&a, &b) + inwards * (0.7 * (a - b).norm()))
 }
 
 /// Faces of a set of tetrahedra that belong to one of them only, counter-clockwise seen from outside.

@@ -118,6 +118,13 @@ pub fn optimise(mesh: &mut VolumeMesh, options: &OptimiseOptions) -> OptimiseSum
             }
         }
     }
+    // Exchanges of the last pass may have left wedges at a rim; each repair may leave another to work on.
+    for _ in 0..6 {
+        if wedges(&mut c, &mut s) == 0 {
+            break;
+        }
+        exchange(&mut c, 1.0 - options.insert_above, Some(1.0 - options.insert_above), true, &mut s);
+    }
     s.after = measure(&c);
     (mesh.points, mesh.tets) = c.finish();
     s.seconds = begin.elapsed().as_secs_f64();
@@ -147,6 +154,21 @@ fn exchange(c: &mut Complex, goal: f64, insert: Option<f64>, thorough: bool, s: 
             continue;
         }
         done += usize::from(improve(c, t, insert, thorough, s));
+    }
+    done
+}
+
+/// Works on the tetrahedra with two faces on the surface alone. Gives the number of exchanges.
+fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> usize {
+    let found: Vec<u32> = (0..c.tets.len() as u32)
+        .into_par_iter()
+        .filter(|&t| c.scores[t as usize] <= complex::TWO_FACES && c.surface_faces(c.tets[t as usize]) > 1)
+        .collect();
+    let mut done = 0;
+    for t in found {
+        if c.alive(t) && c.surface_faces(c.tets[t as usize]) > 1 && improve(c, t, Some(1.0), true, s) {
+            done += 1;
+        }
     }
     done
 }
