@@ -37,7 +37,7 @@ pub struct SmoothOptions {
     pub gauge: f64,
     /// Newton steps at most.
     pub steps: usize,
-    /// Products with the system's matrix in one step at most.
+    /// Products with the system's matrix in one step at most; half as many more where voxels are anisotropic.
     pub products: usize,
     /// Rounds of giving contradicted labels a margin at most.
     pub repairs: usize,
@@ -45,7 +45,7 @@ pub struct SmoothOptions {
 
 impl Default for SmoothOptions {
     fn default() -> Self {
-        SmoothOptions { smoothness: 1.0, sigma: 0.1, gauge: 1.0, steps: 8, products: 60, repairs: 6 }
+        SmoothOptions { smoothness: 1.0, sigma: 0.1, gauge: 1.0, steps: 8, products: 40, repairs: 4 }
     }
 }
 
@@ -165,25 +165,28 @@ pub fn fit(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, Smoo
     };
     let mut c = start(&band, &weights);
     let mut margin = vec![0.0f32; band.len()];
-    let effort = Effort { steps: options.steps, sigma: 0.4, products: options.products, tolerance: 0.1 };
+    // Between the planes of long voxels only smoothness acts, which conjugate gradients find late.
+    let inner = if refine == [1; 3] { options.products } else { options.products + options.products / 2 };
+    let effort = Effort { steps: options.steps, sigma: 0.4, products: inner, tolerance: 0.1 };
     let mut products = solve::newton(&band, &mut c, &weights, &margin, effort);
     // Contradicted labels: a growing margin each round.
-    let wrong = |c: &[f32]| -> Vec<usize> {
+    let wrong = |c: &[f32], least: f32| -> Vec<usize> {
         let now = solve::sample(&band, c, &weights);
-        (0..band.len()).filter(|&i| band.sign[i] as f32 * now.value[i] < 0.02 * band.sign[i].abs() as f32).collect()
+        (0..band.len()).filter(|&i| band.sign[i] as f32 * now.value[i] < least * band.sign[i].abs() as f32).collect()
     };
-    let mut left = wrong(&c);
+    let mut left = wrong(&c, 0.02);
     for _ in 0..options.repairs {
         if left.is_empty() {
             break;
         }
         for &i in &left {
-            margin[i] += 0.1;
+            margin[i] += 0.15;
         }
-        let effort = Effort { steps: 2, sigma: options.sigma, products: options.products / 2, tolerance: 0.1 };
+        let effort = Effort { steps: 2, sigma: options.sigma, products: inner / 2, tolerance: 0.1 };
         products += solve::newton(&band, &mut c, &weights, &margin, effort);
-        left = wrong(&c);
+        left = wrong(&c, 0.02);
     }
+    let left = wrong(&c, 0.0);
     let summary = SmoothSummary {
         unknowns: band.len(),
         labels: band.sign.iter().filter(|&&s| s != 0).count(),
