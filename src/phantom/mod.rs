@@ -111,6 +111,8 @@ pub fn build(name: &str) -> Result<Phantom, Error> {
     }
     if oblique {
         phantom.direction = cases::oblique_left_handed();
+        // The third axis is mirrored: what was its lower border is its upper one.
+        phantom.window[2] = [phantom.window[2][1].map(|w| -w), phantom.window[2][0].map(|w| -w)];
     }
     Ok(phantom)
 }

@@ -72,6 +72,12 @@ fn ends_lie_on_the_axis_where_the_vessel_ends_or_leaves_the_image() {
         }
         assert!(ends.windows(2).all(|w| w[0].radius >= w[1].radius) && ends[0].name == "inlet");
     }
+    for name in ["aneurysm", "aneurysm-oblique"] {
+        let phantom = build(name).expect(name);
+        let ends = phantom.ends(&phantom.mask().grid);
+        assert_eq!(ends.iter().map(|e| e.on_border).collect::<Vec<_>>(), [ends[0].plane.normal.z < -0.9, ends[1].plane.normal.z < -0.9, false], "{name}");
+        assert_eq!(ends.iter().filter(|e| e.on_border).count(), 1, "{name}: only the inlet leaves the image");
+    }
     assert!(build("tube").expect("tube").ends(&build("tube").expect("tube").mask().grid).iter().all(|e| e.on_border));
 }
 
