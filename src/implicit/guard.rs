@@ -29,9 +29,6 @@ impl Default for GuardOptions {
     }
 }
 
-/// Layers of voxels on either side of the boundary in which distances are exact.
-const LAYERS: usize = 3;
-
 /// The mask's voxel-face boundary and the width of the band round it that the wall may use.
 #[derive(Debug, Clone)]
 pub struct MaskBoundary {
@@ -47,13 +44,15 @@ impl MaskBoundary {
     /// Prepares the boundary of `mask`; `None` where there is no lumen. Beyond the array is background.
     pub fn new(mask: &Mask, options: &GuardOptions) -> Option<MaskBoundary> {
         let lumen = lumen_box(mask)?;
-        let distance = BoundaryDistance::new(mask, LAYERS);
+        let widest = options.band * mask.grid.voxel_diagonal();
+        let least = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
+        // Distances must be exact beyond the band, or a stray sheet far away could pass.
+        let distance = BoundaryDistance::new(mask, (1.3 * widest / least).ceil() as usize + 1);
         let mut bounds = Aabb::EMPTY;
         for c in 0..8 {
             let corner = Vector::from_fn(|a, _| if c >> a & 1 == 0 { lumen[a][0] as f64 - 2.5 } else { lumen[a][1] as f64 + 2.5 });
             bounds.include(&mask.grid.to_world(corner));
         }
-        let widest = options.band * mask.grid.voxel_diagonal();
         let grid = mask.grid.window([-1; 3], mask.grid.dims.map(|n| n + 2));
         let band = band_widths(&grid, &distance, options.share / widest);
         Some(MaskBoundary { distance, grid, band, widest, bounds })
@@ -61,7 +60,7 @@ impl MaskBoundary {
 
     /// Signed distance to the boundary faces, mm, negative in the lumen, and its gradient.
     ///
-    /// Exact within about three voxels of the boundary; farther away a lower bound of its size.
+    /// Exact within 1.3 band widths of the boundary; farther away a lower bound of its size.
     pub fn signed_distance(&self, p: &Point) -> (f64, Vector) {
         self.distance.value_gradient(p)
     }

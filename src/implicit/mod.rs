@@ -7,6 +7,7 @@ pub mod offset;
 pub mod smooth;
 mod solve;
 mod spline;
+pub mod probability;
 
 use nalgebra::Matrix3;
 

@@ -102,6 +102,26 @@ fn a_function_within_the_band_is_left_alone() {
 }
 
 #[test]
+fn no_sheet_stands_far_off_where_voxels_are_six_times_as_long_as_wide() {
+    let grid = Grid::new([26, 26, 9], [0.5, 0.5, 3.0], Point::origin(), Matrix3::identity()).unwrap();
+    let data = (0..grid.len())
+        .map(|n| {
+            let v = grid.voxel(n).map(|c| c as i64);
+            u8::from((9..17).contains(&v[0]) && (9..17).contains(&v[1]) && (3..6).contains(&v[2]))
+        })
+        .collect();
+    let m = Mask::new(grid, data);
+    let g = guarded(-1e3, &m);
+    for n in 0..m.grid.len() {
+        let p = m.grid.to_world(Vector::from(m.grid.voxel(n).map(|c| c as f64)));
+        let (d, _) = g.boundary().signed_distance(&p);
+        assert!(g.value(&p) > 0.0 || d <= g.boundary().widest_band(), "{p} is {d} mm away");
+    }
+    let (mesh, _) = polygonize(&g, &m, &PolygonizeOptions { cell: 1.0, offset: 0.0 }).unwrap();
+    assert_eq!((check(&mesh).components, check(&mesh).euler), (1, 2));
+}
+
+#[test]
 fn no_lumen_no_boundary() {
     assert!(MaskBoundary::new(&mask([3, 3, 3], |_| false), &GuardOptions::default()).is_none());
 }
