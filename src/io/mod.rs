@@ -1,10 +1,13 @@
 //! File formats: one file a format, reading and writing.
 
 mod error;
+mod foam_reader;
 pub mod fluent;
 pub mod gmsh;
 pub mod image;
+pub mod mesh;
 pub mod metaimage;
+mod msh_reader;
 pub mod nifti;
 pub mod nrrd;
 pub mod openfoam;
@@ -12,8 +15,10 @@ pub mod ply;
 mod scalars;
 pub mod simvascular;
 pub mod stl;
+mod surface_reader;
 mod text;
 pub mod vti;
+mod vtk_reader;
 pub mod vtk_xml;
 pub mod vtp;
 pub mod vtu;

@@ -1,0 +1,199 @@
+//! Readers of STL (ASCII, binary) and PLY.
+
+use crate::geometry::Point;
+use crate::mesh::{Patch, PatchKind, TriMesh, WALL};
+
+/// The role that a patch's name tells.
+pub(super) fn kind_of(name: &str) -> PatchKind {
+    let name = name.to_lowercase();
+    match () {
+        () if name.contains("inlet") || name.contains("inflow") => PatchKind::Inlet,
+        () if name.contains("outlet") || name.contains("outflow") => PatchKind::Outlet,
+        () => PatchKind::Wall,
+    }
+}
+
+/// Joins equal corners, by value, in the order of their first appearance.
+fn join(corners: Vec<Point>, patch: Vec<u32>, patches: Vec<Patch>) -> TriMesh {
+    let key = |p: &Point| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
+    let mut order: Vec<u32> = (0..corners.len() as u32).collect();
+    order.sort_by_key(|&i| (key(&corners[i as usize]), i));
+    let mut first = vec![0u32; corners.len()];
+    for group in order.chunk_by(|&a, &b| key(&corners[a as usize]) == key(&corners[b as usize])) {
+        group.iter().for_each(|&i| first[i as usize] = group[0]);
+    }
+    let (mut id, mut points) = (vec![0u32; corners.len()], vec![]);
+    for (i, p) in corners.iter().enumerate() {
+        if first[i] as usize == i {
+            id[i] = points.len() as u32;
+            points.push(*p);
+        } else {
+            id[i] = id[first[i] as usize];
+        }
+    }
+    let triangles = id.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+    TriMesh { points, triangles, patch, patches }
+}
+
+/// Reads STL; solids of ASCII files become patches.
+pub(super) fn stl(bytes: &[u8]) -> Result<TriMesh, String> {
+    // Some binary files begin with "solid": the length decides.
+    if let Some(n) = bytes.get(80..84) {
+        let n = u32::from_le_bytes([n[0], n[1], n[2], n[3]]) as usize;
+        if n.checked_mul(50).and_then(|n| n.checked_add(84)) == Some(bytes.len()) {
+            let float = |b: &[u8]| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+            let corners = bytes[84..]
+                .chunks_exact(50)
+                .flat_map(|t| t[12..48].chunks_exact(12).map(|v| Point::new(float(v), float(&v[4..]), float(&v[8..]))).collect::<Vec<_>>())
+                .collect();
+            return Ok(join(corners, vec![WALL; n], vec![Patch::wall()]));
+        }
+    }
+    let text = std::str::from_utf8(bytes).map_err(|_| "neither ASCII STL nor binary STL of the right length: the file is cut off or damaged".to_string())?;
+    if !text.trim_start().starts_with("solid") {
+        return Err("neither ASCII STL (no `solid`) nor binary STL of the right length: the file is cut off or damaged".into());
+    }
+    let (mut corners, mut patch, mut patches) = (vec![], vec![], Vec::<Patch>::new());
+    let mut open = false;
+    for (k, line) in text.lines().enumerate() {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("solid") => {
+                let name: String = words.collect::<Vec<_>>().join("_");
+                let name = if name.is_empty() { format!("solid_{}", patches.len() + 1) } else { name };
+                patches.push(Patch { id: patches.len() as u32 + 1, kind: kind_of(&name), name });
+                open = true;
+            }
+            Some("vertex") => {
+                let c: Vec<f64> = words.map_while(|w| w.parse().ok()).collect();
+                let [x, y, z] = c[..] else { return Err(format!("line {}: a vertex needs three numbers", k + 1)) };
+                corners.push(Point::new(x, y, z));
+            }
+            Some("endfacet") => {
+                patch.push(patches.len() as u32);
+                if corners.len() != 3 * patch.len() {
+                    return Err(format!("line {}: a facet needs three vertices", k + 1));
+                }
+            }
+            Some("endsolid") => open = false,
+            Some("facet" | "outer" | "endloop") | None => {}
+            Some(word) => return Err(format!("line {}: `{word}` has no place in STL", k + 1)),
+        }
+    }
+    if open || corners.len() != 3 * patch.len() {
+        return Err("the last solid is not ended: the file is cut off".into());
+    }
+    Ok(join(corners, patch, patches))
+}
+
+/// Reads PLY: ASCII and little-endian binary; vertices x y z first, then faces.
+pub(super) fn ply(bytes: &[u8]) -> Result<TriMesh, String> {
+    let end = bytes.windows(10).position(|w| w == b"end_header").ok_or("no `end_header`")?;
+    let head = std::str::from_utf8(&bytes[..end]).map_err(|_| "the header is not text")?;
+    let body = bytes[end..].iter().position(|&b| b == b'\n').map_or(&[][..], |i| &bytes[end + i + 1..]);
+    let mut binary = false;
+    // Name, count, properties (list count type or nothing, type, name) of each element.
+    type Element<'a> = (&'a str, usize, Vec<(Option<&'a str>, &'a str, &'a str)>);
+    let mut elements: Vec<Element> = vec![];
+    for line in head.lines() {
+        let w: Vec<&str> = line.split_whitespace().collect();
+        match w[..] {
+            ["format", "ascii", ..] => binary = false,
+            ["format", "binary_little_endian", ..] => binary = true,
+            ["format", other, ..] => return Err(format!("format {other} is not read")),
+            ["element", name, n] => {
+                let n: usize = n.parse().map_err(|_| format!("`{n}` elements"))?;
+                if n > bytes.len() {
+                    return Err(format!("{n} {name} elements cannot be in {} bytes", bytes.len()));
+                }
+                elements.push((name, n, vec![]));
+            }
+            ["property", "list", a, b, name] => elements.last_mut().ok_or("a property before its element")?.2.push((Some(a), b, name)),
+            ["property", t, name] => elements.last_mut().ok_or("a property before its element")?.2.push((None, t, name)),
+            _ => {}
+        }
+    }
+    let mut source = Numbers { body, binary };
+    let mut mesh = TriMesh::default();
+    for (name, n, properties) in &elements {
+        for _ in 0..*n {
+            let (mut xyz, mut polygon, mut patch) = ([0.0; 3], vec![], WALL);
+            for (list, kind, property) in properties {
+                let count = match list {
+                    Some(t) => source.next(t)? as usize,
+                    None => 1,
+                };
+                for _ in 0..count {
+                    let value = source.next(kind)?;
+                    match (*name, *property) {
+                        ("vertex", "x") => xyz[0] = value,
+                        ("vertex", "y") => xyz[1] = value,
+                        ("vertex", "z") => xyz[2] = value,
+                        ("face", "vertex_indices" | "vertex_index") => {
+                            if !(0.0..4294967295.0).contains(&value) {
+                                return Err(format!("face {} names point {value}", mesh.triangles.len()));
+                            }
+                            polygon.push(value as u32);
+                        }
+                        ("face", "patch") => patch = value.max(0.0) as u32,
+                        _ => {}
+                    }
+                }
+            }
+            match *name {
+                "vertex" => mesh.points.push(Point::from(xyz)),
+                "face" => super::mesh::fan(&polygon, mesh.points.len(), &mut mesh.triangles)?,
+                _ => {}
+            }
+            mesh.patch.resize(mesh.triangles.len(), patch);
+        }
+    }
+    let mut ids = mesh.patch.clone();
+    ids.sort_unstable();
+    ids.dedup();
+    for id in ids {
+        let comment = head.lines().find_map(|l| l.strip_prefix(&format!("comment patch {id} ")));
+        let name = comment.map_or_else(|| if id == WALL { "wall".into() } else { format!("patch_{id}") }, |n| n.trim().to_string());
+        mesh.patches.push(Patch { id, kind: kind_of(&name), name });
+    }
+    Ok(mesh)
+}
+
+/// Numbers of a PLY body.
+struct Numbers<'a> {
+    body: &'a [u8],
+    binary: bool,
+}
+
+impl Numbers<'_> {
+    fn next(&mut self, kind: &str) -> Result<f64, String> {
+        let cut = || "the file ends too early".to_string();
+        if !self.binary {
+            let start = self.body.iter().position(|b| !b.is_ascii_whitespace()).ok_or_else(cut)?;
+            let rest = &self.body[start..];
+            let len = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+            self.body = &rest[len..];
+            let word = String::from_utf8_lossy(&rest[..len]);
+            return word.parse().map_err(|_| format!("`{word}` is no number"));
+        }
+        let size = match kind {
+            "char" | "uchar" | "int8" | "uint8" => 1,
+            "short" | "ushort" | "int16" | "uint16" => 2,
+            "int" | "uint" | "float" | "int32" | "uint32" | "float32" => 4,
+            "double" | "float64" => 8,
+            other => return Err(format!("property type {other}")),
+        };
+        let (b, rest) = self.body.split_at_checked(size).ok_or_else(cut)?;
+        self.body = rest;
+        Ok(match kind {
+            "char" | "int8" => f64::from(b[0] as i8),
+            "uchar" | "uint8" => f64::from(b[0]),
+            "short" | "int16" => f64::from(i16::from_le_bytes([b[0], b[1]])),
+            "ushort" | "uint16" => f64::from(u16::from_le_bytes([b[0], b[1]])),
+            "int" | "int32" => f64::from(i32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            "uint" | "uint32" => f64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            "float" | "float32" => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            _ => f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]),
+        })
+    }
+}
