@@ -78,13 +78,13 @@ pub struct FoamQuality {
     pub concave_cells: usize,
     /// Smallest interpolation weight; limit 0.05.
     pub weight_min: f64,
-    /// Mean interpolation weight, boundary faces counting 1 as in checkMesh.
+    /// Mean interpolation weight of inner faces.
     pub weight_average: f64,
     /// Faces with a weight below 0.05.
     pub weight_under_005: usize,
     /// Smallest volume ratio of neighbours; limit 0.01.
     pub volume_ratio_min: f64,
-    /// Mean volume ratio, boundary faces counting 1 as in checkMesh.
+    /// Mean volume ratio of inner faces.
     pub volume_ratio_average: f64,
     /// Faces with a volume ratio below 0.01.
     pub volume_ratio_under_001: usize,
@@ -407,6 +407,8 @@ pub(super) fn measure(mesh: &impl FaceMesh, cells: &Cells, worst: usize) -> Foam
         for (f, m) in (from..).zip(&block) {
             if f < ni {
                 cos_sum += m.cosine;
+                q.weight_average += m.weight;
+                q.volume_ratio_average += m.ratio;
                 cos_min = cos_min.min(m.cosine);
                 if m.cosine < severe {
                     if m.cosine > 1e-15 {
@@ -421,10 +423,8 @@ pub(super) fn measure(mesh: &impl FaceMesh, cells: &Cells, worst: usize) -> Foam
             q.skewness_max = q.skewness_max.max(m.skewness);
             q.skewness_over_4 += usize::from(m.skewness > 4.0);
             q.weight_min = q.weight_min.min(m.weight);
-            q.weight_average += m.weight;
             q.weight_under_005 += usize::from(m.weight < 0.05);
             q.volume_ratio_min = q.volume_ratio_min.min(m.ratio);
-            q.volume_ratio_average += m.ratio;
             q.volume_ratio_under_001 += usize::from(m.ratio < 0.01);
             q.min_face_area = q.min_face_area.min(m.area);
             q.max_face_area = q.max_face_area.max(m.area);
@@ -442,8 +442,8 @@ pub(super) fn measure(mesh: &impl FaceMesh, cells: &Cells, worst: usize) -> Foam
         q.non_orthogonality_max = angle(cos_min);
         q.non_orthogonality_average = angle(cos_sum / ni as f64);
     }
-    q.weight_average /= nf.max(1) as f64;
-    q.volume_ratio_average /= nf.max(1) as f64;
+    q.weight_average /= ni.max(1) as f64;
+    q.volume_ratio_average /= ni.max(1) as f64;
     if flat_n > 0 {
         q.min_flatness = Some(flat_min);
         q.average_flatness = Some(flat_sum / flat_n as f64);
