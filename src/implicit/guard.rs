@@ -50,9 +50,11 @@ impl MaskBoundary {
         let distance = BoundaryDistance::new(mask, (1.3 * widest / least).ceil() as usize + 1);
         let mut bounds = Aabb::EMPTY;
         for c in 0..8 {
-            let corner = Vector::from_fn(|a, _| if c >> a & 1 == 0 { lumen[a][0] as f64 - 2.5 } else { lumen[a][1] as f64 + 2.5 });
+            let corner = Vector::from_fn(|a, _| if c >> a & 1 == 0 { lumen[a][0] as f64 - 1.5 } else { lumen[a][1] as f64 + 1.5 });
             bounds.include(&mask.grid.to_world(corner));
         }
+        // The lumen's faces, a voxel to spare, and the band, which is wider than a voxel where voxels are long.
+        let bounds = bounds.inflated(widest);
         let grid = mask.grid.window([-1; 3], mask.grid.dims.map(|n| n + 2));
         let band = band_widths(&grid, &distance, options.share / widest);
         Some(MaskBoundary { distance, grid, band, widest, bounds })
