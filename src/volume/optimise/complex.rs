@@ -10,7 +10,7 @@ use crate::geometry::Point;
 const DEAD: u32 = u32::MAX;
 
 /// Two faces on the surface make a cell that OpenFOAM's determinant check dislikes: it counts as this bad at best.
-pub(super) const TWO_FACES: f64 = 0.2;
+const TWO_FACES: f64 = 0.2;
 
 pub(super) struct Complex {
     pub points: Vec<Point>,
@@ -21,6 +21,8 @@ pub(super) struct Complex {
     pub stars: Vec<Vec<u32>>,
     /// Whether a vertex may not move.
     pub frozen: Vec<bool>,
+    /// Score of a tetrahedron with two faces on the surface, at best.
+    pub two_faces: f64,
     surface: BTreeSet<[u32; 3]>,
     free: Vec<u32>,
 }
@@ -51,7 +53,7 @@ impl Complex {
             c.iter().for_each(|&v| stars[v as usize].push(t as u32));
         }
         let surface = surface.into_iter().collect();
-        let mut c = Complex { points, tets, scores: vec![], stars, frozen, surface, free: vec![] };
+        let mut c = Complex { points, tets, scores: vec![], stars, frozen, two_faces: TWO_FACES, surface, free: vec![] };
         c.rescore();
         c
     }
@@ -82,8 +84,8 @@ impl Complex {
     /// Quality, held down for cells with two faces on the surface.
     pub fn score(&self, t: [u32; 4]) -> f64 {
         let q = quality(&self.corners(t));
-        if q > TWO_FACES && t.iter().all(|&v| self.frozen[v as usize]) && self.surface_faces(t) > 1 {
-            return TWO_FACES;
+        if q > self.two_faces && t.iter().all(|&v| self.frozen[v as usize]) && self.surface_faces(t) > 1 {
+            return self.two_faces;
         }
         q
     }
