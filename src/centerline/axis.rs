@@ -222,8 +222,19 @@ fn extend(field: &Field, points: &mut Vec<Point>, radius: f64) -> f64 {
     let n = points.len();
     let dropped = (points[n - 1] - tip).norm();
     let end = points[n - 1];
-    let back = (0..n).rev().find(|&i| (end - points[i]).norm() > 2.0 * radius).unwrap_or(0);
-    let Some(direction) = (end - points[back]).try_normalize(0.0) else { return 0.0 };
+    let behind = |from: usize, reach: f64| (0..from).rev().find(|&i| (points[from] - points[i]).norm() > reach).unwrap_or(0);
+    let fine = radius > 3.0 * field.voxel_size;
+    let reach = if fine { 1.2 } else { 2.0 } * radius;
+    let back = behind(n - 1, reach);
+    let Some(mut direction) = (end - points[back]).try_normalize(0.0) else { return 0.0 };
+    if fine && back > 0 {
+        // A bend goes on: turn by what it turned before, from the chord's middle to the end.
+        let before = behind(back, reach);
+        if (points[back] - points[before]).norm() > 0.8 * reach {
+            let turn = direction - (points[back] - points[before]).normalize();
+            direction = (direction + turn * 0.6).normalize();
+        }
+    }
     let step = 0.1 * field.voxel_size;
     let limit = 4.0 * radius + 4.0 * field.voxel_size + dropped;
     let mut length = 0.0;

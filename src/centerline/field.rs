@@ -1,11 +1,9 @@
 //! The voxels of a mask as the skeleton needs them: compact, padded, with distances to the wall.
 
-use std::collections::VecDeque;
-
 use rayon::prelude::*;
 
 use crate::geometry::{Point, Vector};
-use crate::mask::{Grid, Mask};
+use crate::mask::{Connectivity, Grid, Mask, label};
 
 pub(super) const NONE: u32 = u32::MAX;
 
@@ -62,7 +60,9 @@ impl Field {
                 }
             }
         }
-        let filled = fill_cavities(&mut lumen, dims);
+        let mut window = Mask::new(grid.clone(), lumen);
+        let filled = fill_cavities(&mut window);
+        let lumen = window.data;
         let squared = squared_distance(&lumen, dims, grid.spacing());
         let mut id = vec![NONE; lumen.len()];
         let mut voxel = Vec::new();
@@ -189,30 +189,10 @@ impl Field {
 }
 
 /// Fills background that is not 6-connected to the window's border; returns how many voxels.
-fn fill_cavities(lumen: &mut [u8], dims: [usize; 3]) -> usize {
-    let [nx, ny, nz] = dims;
-    let mut queue = VecDeque::from([0usize]);
-    lumen[0] = 2;
-    while let Some(n) = queue.pop_front() {
-        let (i, j, k) = (n % nx, n / nx % ny, n / (nx * ny));
-        let mut visit = |inside: bool, m: usize| {
-            if inside && lumen[m] == 0 {
-                lumen[m] = 2;
-                queue.push_back(m);
-            }
-        };
-        visit(i > 0, n.wrapping_sub(1));
-        visit(i + 1 < nx, n + 1);
-        visit(j > 0, n.wrapping_sub(nx));
-        visit(j + 1 < ny, n + nx);
-        visit(k > 0, n.wrapping_sub(nx * ny));
-        visit(k + 1 < nz, n + nx * ny);
-    }
-    let mut filled = 0;
-    for v in lumen {
-        filled += usize::from(*v == 0);
-        *v = u8::from(*v < 2);
-    }
+fn fill_cavities(mask: &mut Mask) -> usize {
+    let background = label(mask, false, Connectivity::Six);
+    let filled = background.components().iter().filter(|c| !c.on_border).map(|c| c.voxels).sum();
+    background.paint(&mut mask.data, 1, |l| !background.components()[l as usize].on_border);
     filled
 }
 
@@ -239,26 +219,27 @@ fn squared_distance(lumen: &[u8], dims: [usize; 3], spacing: [f64; 3]) -> Vec<f3
             }
         }
     });
-    // Columns along z are strided: each row (j) gathers its own columns, then they are written back.
-    let columns: Vec<Vec<f32>> = (0..ny)
+    // Columns along z are strided: each row (j) gathers those with lumen, then they are written back.
+    let mut crossed = vec![false; nx * ny];
+    for slab in lumen.chunks_exact(nx * ny) {
+        crossed.iter_mut().zip(slab).for_each(|(c, &v)| *c |= v != 0);
+    }
+    let columns: Vec<Vec<(usize, Vec<f32>)>> = (0..ny)
         .into_par_iter()
         .map(|j| {
             let mut work = Envelope::default();
-            let mut out = vec![0.0; nx * nz];
-            for i in 0..nx {
-                let line = &mut out[i * nz..(i + 1) * nz];
-                (0..nz).for_each(|k| line[k] = d[i + nx * (j + ny * k)]);
-                if line.iter().any(|&v| v > 0.0) {
-                    work.transform(line, spacing[2]);
-                }
-            }
-            out
+            let column = |i: usize| {
+                let mut line: Vec<f32> = (0..nz).map(|k| d[i + nx * (j + ny * k)]).collect();
+                work.transform(&mut line, spacing[2]);
+                (i, line)
+            };
+            (0..nx).filter(|&i| crossed[i + nx * j]).map(column).collect()
         })
         .collect();
     d.par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
-        for j in 0..ny {
-            for i in 0..nx {
-                slab[i + nx * j] = columns[j][i * nz + k];
+        for (j, row) in columns.iter().enumerate() {
+            for (i, line) in row {
+                slab[i + nx * j] = line[k];
             }
         }
     });

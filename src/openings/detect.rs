@@ -306,7 +306,7 @@ fn one(
 fn blind(lines: &Centerlines, branch: usize, walk: &Walk, options: &DetectOptions, flat: bool) -> Option<BlindReason> {
     let (length, radius) = walk.outside();
     if walk.junction.is_none() {
-        return (walk.total() <= 2.0 * options.bump_diameters * radius).then_some(BlindReason::Bump);
+        return (walk.total() <= 2.5 * options.bump_diameters * radius).then_some(BlindReason::Bump);
     }
     if length <= 2.0 * options.bump_diameters * radius && !flat || length <= radius {
         return Some(BlindReason::Bump);

@@ -107,3 +107,6 @@ pub fn patches(openings: &[Opening]) -> Vec<Patch> {
     all.sort_by_key(|p| p.id);
     all
 }
+
+#[cfg(test)]
+mod tests;

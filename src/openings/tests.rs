@@ -1,0 +1,121 @@
+use super::*;
+use crate::centerline::{CenterlineOptions, trace};
+use crate::geometry::Vector;
+use crate::mask::{Mask, crop_pad};
+use crate::phantom::{self, TreeOptions, random_tree};
+
+/// How the openings found in a phantom's picture compare with its own.
+#[derive(Debug, Default)]
+struct Score {
+    ends: usize,
+    found: usize,
+    invented: usize,
+    /// Sentences on what is wrong.
+    wrong: Vec<String>,
+}
+
+fn score(phantom: &phantom::Phantom) -> Score {
+    let picture = phantom.mask();
+    let mask = crop_pad(&picture, 2, 4);
+    let ends = phantom.ends(&picture.grid);
+    let mut s = Score { ends: ends.len(), ..Score::default() };
+    let (lines, _) = trace(&mask, &CenterlineOptions::default()).unwrap();
+    let (openings, report) = detect(&mask, &lines, &DetectOptions::default());
+    let mut used = vec![false; openings.len()];
+    for end in &ends {
+        let near = |o: &Opening| (o.plane.origin - end.plane.origin).norm();
+        let best = (0..openings.len()).filter(|&n| !used[n]).min_by(|&a, &b| near(&openings[a]).total_cmp(&near(&openings[b])));
+        let Some(n) = best.filter(|&n| near(&openings[n]) < 2.5 * end.radius) else {
+            let blind: Vec<_> = report.blind.iter().map(|b| (b.reason, (b.tip - end.plane.origin).norm() / end.radius)).collect();
+            s.wrong.push(format!("{}: missed {:?} radius {:.2}; blind {blind:.2?}", phantom.name, end.name, end.radius));
+            continue;
+        };
+        used[n] = true;
+        let angle = openings[n].plane.normal.dot(&end.plane.normal).clamp(-1.0, 1.0).acos().to_degrees();
+        if angle > 10.0 {
+            s.wrong.push(format!("{}: {} is {angle:.1}° off, radius {:.2}", phantom.name, end.name, end.radius));
+        } else {
+            s.found += 1;
+        }
+    }
+    for (o, _) in openings.iter().zip(&used).filter(|(_, u)| !**u) {
+        s.invented += 1;
+        s.wrong.push(format!("{}: invented {} radius {:.2} at {:.2?}", phantom.name, o.name, o.radius, o.plane.origin.coords.as_slice()));
+    }
+    s
+}
+
+#[test]
+fn every_end_of_the_built_in_cases_is_found_and_none_invented() {
+    // `thin` has ends of two voxels' width, whose cut may lie 2.6 radii in; the axis of `helix` turns by more than
+    // 10 degrees within the radius between its end and the cut.
+    let wrong: Vec<String> =
+        phantom::list().iter().filter(|n| *n != "thin" && *n != "helix").flat_map(|name| score(&phantom::build(name).unwrap()).wrong).collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn ends_of_a_few_random_trees_are_found() {
+    for seed in [1, 2, 3] {
+        let s = score(&random_tree(seed, &TreeOptions::default()));
+        assert!(s.found == s.ends && s.invented == 0, "{s:?}");
+    }
+}
+
+/// `cargo test --release --lib -- --ignored --nocapture two_hundred` prints every miss.
+#[test]
+#[ignore = "takes minutes"]
+fn of_two_hundred_random_trees_ninety_nine_percent_of_ends_are_right() {
+    use rayon::prelude::*;
+    let scores: Vec<Score> = (1000..1200u64).into_par_iter().map(|seed| score(&random_tree(seed, &TreeOptions::default()))).collect();
+    let ends: usize = scores.iter().map(|s| s.ends).sum();
+    let found: usize = scores.iter().map(|s| s.found).sum();
+    let invented: usize = scores.iter().map(|s| s.invented).sum();
+    scores.iter().flat_map(|s| &s.wrong).for_each(|w| println!("{w}"));
+    println!("{found} of {ends} ends right, {invented} invented");
+    assert!((found as f64 - invented as f64) >= 0.99 * ends as f64);
+}
+
+fn tube() -> (Mask, crate::centerline::Centerlines, Vec<Opening>) {
+    let p = phantom::build("bend").unwrap();
+    let mask = crop_pad(&p.mask(), 2, 4);
+    let (lines, _) = trace(&mask, &CenterlineOptions::default()).unwrap();
+    let (openings, _) = detect(&mask, &lines, &DetectOptions::default());
+    (mask, lines, openings)
+}
+
+#[test]
+fn names_and_ids_follow_the_contract_and_the_user() {
+    let (mask, lines, found) = tube();
+    assert_eq!(found.iter().map(|o| (o.id, o.name.as_str())).collect::<Vec<_>>(), [(2, "inlet"), (3, "outlet_1")]);
+    let user = UserOpenings { inlet: Some("outlet_1".into()), ..UserOpenings::default() };
+    let (turned, _) = apply_user(&mask, &lines, found.clone(), &user).unwrap();
+    assert_eq!((turned[0].name.as_str(), turned[0].plane.origin), ("inlet", found[1].plane.origin));
+    let user = UserOpenings { rename: vec![("outlet_1".into(), "distal".into())], ..UserOpenings::default() };
+    let (renamed, _) = apply_user(&mask, &lines, found.clone(), &user).unwrap();
+    assert_eq!((renamed[1].name.as_str(), renamed[1].id), ("distal", 3));
+    let user = UserOpenings { drop: vec!["outlet_7".into()], ..UserOpenings::default() };
+    assert!(matches!(apply_user(&mask, &lines, found, &user), Err(UserError::UnknownName { .. })));
+}
+
+#[test]
+fn a_given_plane_replaces_the_detected_one_and_bad_ones_are_refused_with_a_place() {
+    let (mask, lines, found) = tube();
+    let own = &found[1];
+    let plane = |center, normal| UserOpenings {
+        planes: vec![UserPlane { name: "out".into(), center, normal, kind: None }],
+        ..UserOpenings::default()
+    };
+    let moved = own.plane.origin - own.plane.normal * own.radius;
+    let (list, _) = apply_user(&mask, &lines, found.clone(), &plane(moved, own.plane.normal)).unwrap();
+    assert_eq!(list.len(), 2);
+    assert!(list.iter().any(|o| o.name == "out" && o.found_by == FoundBy::User && (o.plane.origin - moved).norm() < own.radius));
+    let away = own.plane.origin + Vector::new(3.0, 4.0, 5.0) * (4.0 * own.radius);
+    let e = apply_user(&mask, &lines, found.clone(), &plane(away, own.plane.normal)).unwrap_err();
+    assert!(matches!(e, UserError::Misses { .. }), "{e}");
+    let e = apply_user(&mask, &lines, found.clone(), &plane(moved, -own.plane.normal)).unwrap_err();
+    assert!(matches!(e, UserError::CutsEverything { .. }), "{e}");
+    let (side, _) = own.plane.basis();
+    let e = apply_user(&mask, &lines, found, &plane(moved, side)).unwrap_err();
+    assert!(matches!(e, UserError::Grazes { .. }), "{e}");
+}
