@@ -50,7 +50,7 @@ fn every_end_of_the_built_in_cases_is_found_and_none_invented() {
     // `thin` has ends of two voxels' width, whose cut may lie 2.6 radii in; the axis of `helix` turns by more than
     // 10 degrees within the radius between its end and the cut.
     let wrong: Vec<String> =
-        phantom::list().iter().filter(|n| *n != "thin" && *n != "helix").flat_map(|name| score(&phantom::build(name).unwrap()).wrong).collect();
+        phantom::list().iter().filter(|n| !n.starts_with("thin") && !n.starts_with("helix")).flat_map(|name| score(&phantom::build(name).unwrap()).wrong).collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
