@@ -361,4 +361,40 @@ mod tests {
             assert!(mean < 0.17, "{h} {mean} {max}");
         }
     }
+
+    #[test]
+    fn the_number_of_threads_changes_no_bit() {
+        let f = Capsules::y();
+        let raw = polygonize(&f, 0.4);
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| remesh(&raw, &Supports::new(&f), &Uniform(0.4), &IsotropicOptions::default()).unwrap())
+        };
+        assert_eq!(on(1), on(3));
+    }
+
+    #[test]
+    fn two_vessels_side_by_side_stay_two() {
+        let a = |x: f64| (Point::new(x, 0.0, -4.0), Point::new(x, 0.0, 4.0), 1.0);
+        let f = Capsules { parts: vec![a(-1.075), a(1.075)], blend: 0.0, voxel: 0.3 };
+        let (m, _) =
+            remesh(&polygonize(&f, 0.1), &Supports::new(&f), &Uniform(0.4), &IsotropicOptions::default()).unwrap();
+        let r = topology::check(&m);
+        assert!(r.is_closed_manifold() && (r.components, r.euler) == (2, 4), "{r:?}");
+        assert_eq!(crate::mesh::intersect::self_intersections(&m), vec![]);
+    }
+
+    #[test]
+    fn a_marked_edge_survives() {
+        let f = Torus { axis: 3.0, radius: 1.0 };
+        let raw = polygonize(&f, 0.25);
+        let [a, b, _] = raw.triangles[100];
+        let options = IsotropicOptions { features: vec![[a, b]], ..IsotropicOptions::default() };
+        let (m, _) = remesh(&raw, &Supports::new(&f), &Uniform(0.3), &options).unwrap();
+        for v in [a, b] {
+            let p = raw.points[v as usize];
+            assert!(m.points.iter().any(|q| (p - q).norm() < 1e-12), "an end of the marked edge moved");
+        }
+        assert_eq!(topology::check(&m).euler, 0);
+    }
 }
