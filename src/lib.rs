@@ -5,6 +5,8 @@
 //! All coordinates are LPS world coordinates in millimetres; all ids are `u32`.
 
 pub mod centerline;
+#[cfg(feature = "cli")]
+pub mod cli;
 pub mod config;
 pub mod flow;
 pub mod geometry;
@@ -14,8 +16,10 @@ pub mod mask;
 pub mod mesh;
 pub mod openings;
 pub mod phantom;
+pub mod pipeline;
 pub mod polygonize;
 pub mod quality;
 pub mod pointcloud;
 pub mod remesh;
+pub mod report;
 pub mod volume;

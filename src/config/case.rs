@@ -254,7 +254,7 @@ pub struct Surface {
     pub max_edge_length: Option<Length>,
     /// Edges round the circumference of a vessel, at least. Default 28.
     pub edges_around: f64,
-    /// Change of edge length per length, at most. Default 0.2.
+    /// Change of edge length per length, at most. Default 0.15.
     pub growth: f64,
     /// Places that want smaller triangles.
     pub refine: Vec<Refine>,
@@ -274,7 +274,7 @@ impl Default for Surface {
             min_edge_length: None,
             max_edge_length: None,
             edges_around: 28.0,
-            growth: 0.2,
+            growth: 0.15,
             refine: Vec::new(),
             max_skewness: 0.75,
             target_skewness: 0.45,

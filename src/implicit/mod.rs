@@ -69,3 +69,25 @@ impl<I: Implicit + ?Sized> Implicit for &I {
         (**self).hessian(p)
     }
 }
+
+impl<I: Implicit + ?Sized> Implicit for Box<I> {
+    fn value(&self, p: &Point) -> f64 {
+        (**self).value(p)
+    }
+
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        (**self).value_gradient(p)
+    }
+
+    fn bounds(&self) -> Aabb {
+        (**self).bounds()
+    }
+
+    fn resolution(&self) -> f64 {
+        (**self).resolution()
+    }
+
+    fn hessian(&self, p: &Point) -> Matrix3<f64> {
+        (**self).hessian(p)
+    }
+}

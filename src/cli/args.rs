@@ -1,0 +1,183 @@
+//! Arguments of every subcommand.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::pipeline::Stage;
+
+/// From a binary mask of blood vessels to a mesh that FLUENT or OpenFOAM can run.
+#[derive(Debug, Parser)]
+#[command(name = "lumenmesh", version, max_term_width = 100, after_help = EXAMPLES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  lumenmesh mesh aneurysm.nrrd -o out             all defaults, no case file
+  lumenmesh init aneurysm.nrrd > case.yaml        a commented case file with the ends found
+  lumenmesh run case.yaml -o out --set \"surface.edge_length=0.3 mm\"
+  lumenmesh check out/volume/lumen.vtu            quality of any mesh
+
+Exit codes: 0 all hard gates met; 2 usage or configuration; 3 input; 4 geometry or topology;
+5 volume engine; 6 a hard gate missed (files kept); 130 interrupted.";
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a case file: mask in, checked mesh out.
+    Run(RunArgs),
+    /// Mesh a mask or surface with all defaults, without a case file.
+    Mesh(MeshArgs),
+    /// Write a built-in case with exact truth: mask.nrrd, truth.json, case.yaml.
+    Phantom(PhantomArgs),
+    /// Run many cases, one folder each, worst first in cohort.html.
+    Batch(BatchArgs),
+    /// Check a case file without running it.
+    Validate(ValidateArgs),
+    /// Print the JSON Schema (draft-07) of case files.
+    Schema,
+    /// Print the reference of all keys of case files, as Markdown.
+    Reference,
+    /// Print a completion script.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page (roff).
+    Man,
+}
+
+/// What `run` and `mesh` share.
+#[derive(Debug, Clone, Args)]
+pub struct Common {
+    /// Change a key of the case: `--set "surface.edge_length=0.4 mm"`; may be repeated.
+    #[arg(long = "set", value_name = "KEY.PATH=VALUE", help_heading = "Case")]
+    pub set: Vec<String>,
+    /// Stop after a stage and write what there is.
+    #[arg(long, value_enum, value_name = "STAGE", help_heading = "Case")]
+    pub stop_after: Option<StageArg>,
+    /// Threads; the files are the same for any number. Default: all cores.
+    #[arg(long, value_name = "N", help_heading = "Running")]
+    pub threads: Option<usize>,
+    /// Print nothing but errors.
+    #[arg(short, long, conflicts_with = "verbose", help_heading = "Running")]
+    pub quiet: bool,
+    /// Explain decisions.
+    #[arg(short, long, help_heading = "Running")]
+    pub verbose: bool,
+    /// Print report.json on standard output.
+    #[arg(long, help_heading = "Running")]
+    pub json: bool,
+}
+
+/// Stages that a run can stop after.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum StageArg {
+    /// The cleaned mask.
+    Mask,
+    /// The polygonized implicit surface, before remeshing.
+    Reconstruction,
+    /// The remeshed surface with its openings.
+    Surface,
+    /// The volume mesh, without solver cases.
+    Volume,
+}
+
+impl From<StageArg> for Stage {
+    fn from(s: StageArg) -> Stage {
+        match s {
+            StageArg::Mask => Stage::Mask,
+            StageArg::Reconstruction => Stage::Reconstruction,
+            StageArg::Surface => Stage::Surface,
+            StageArg::Volume => Stage::Volume,
+        }
+    }
+}
+
+/// Arguments of `run`.
+#[derive(Debug, Clone, Args)]
+pub struct RunArgs {
+    /// Case file (YAML).
+    pub case: PathBuf,
+    /// Folder for the results; replaced as a whole when the run is done. Default: the case file's name.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Shared options.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// Arguments of `mesh`.
+#[derive(Debug, Clone, Args)]
+pub struct MeshArgs {
+    /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or closed surface (.stl, .vtp, .ply).
+    pub input: PathBuf,
+    /// Folder for the results; replaced as a whole when the run is done.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Shared options.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// Arguments of `check`.
+#[derive(Debug, Clone, Args)]
+pub struct CheckArgs {
+    /// Meshes: STL, VTP, PLY, VTU, OpenFOAM case folder, FLUENT or Gmsh .msh.
+    #[arg(required = true)]
+    pub files: Vec<PathBuf>,
+    /// Print the full report as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `phantom`.
+#[derive(Debug, Clone, Args)]
+pub struct PhantomArgs {
+    /// Name of a built-in case, or `list`.
+    pub name: String,
+    /// Folder for the files.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+}
+
+/// Arguments of `batch`.
+#[derive(Debug, Clone, Args)]
+pub struct BatchArgs {
+    /// Case files or masks.
+    #[arg(required = true)]
+    pub cases: Vec<PathBuf>,
+    /// Folder for the cohort: one folder a case, cohort.html, cohort.csv.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Cases at a time; the threads are shared among them. Default 1.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub jobs: usize,
+    /// Threads in all. Default: all cores.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Change a key in every case.
+    #[arg(long = "set", value_name = "KEY.PATH=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// Arguments of `init`.
+#[derive(Debug, Clone, Args)]
+pub struct InitArgs {
+    /// Mask file.
+    pub mask: PathBuf,
+}
+
+/// Arguments of `validate`.
+#[derive(Debug, Clone, Args)]
+pub struct ValidateArgs {
+    /// Case file (YAML).
+    pub case: PathBuf,
+    /// Change a key first.
+    #[arg(long = "set", value_name = "KEY.PATH=VALUE")]
+    pub set: Vec<String>,
+}

@@ -1,0 +1,68 @@
+//! Exit codes, in one place.
+
+use crate::config::ConfigError;
+use crate::pipeline;
+
+/// Usage or configuration.
+pub const USAGE: u8 = 2;
+/// Input unreadable or unusable.
+pub const INPUT: u8 = 3;
+/// Geometry or topology.
+pub const GEOMETRY: u8 = 4;
+/// Volume engine.
+pub const ENGINE: u8 = 5;
+/// A hard gate is missed; all files are kept.
+pub const GATE: u8 = 6;
+/// Interrupted.
+pub const INTERRUPTED: u8 = 130;
+
+/// A command that failed: what to print and the exit code.
+#[derive(Debug)]
+pub struct Failure {
+    code: u8,
+    error: anyhow::Error,
+}
+
+impl Failure {
+    /// A failure with its exit code.
+    pub fn new(code: u8, error: impl Into<anyhow::Error>) -> Failure {
+        Failure { code, error: error.into() }
+    }
+
+    /// A failure of usage or configuration.
+    pub fn usage(message: impl std::fmt::Display) -> Failure {
+        Failure::new(USAGE, anyhow::anyhow!("{message}"))
+    }
+
+    /// The exit code.
+    pub fn code(&self) -> u8 {
+        self.code
+    }
+
+    /// What, where and what to do.
+    pub fn message(&self) -> String {
+        format!("{:#}", self.error)
+    }
+}
+
+impl From<ConfigError> for Failure {
+    fn from(e: ConfigError) -> Failure {
+        let code = match e {
+            ConfigError::Unreadable { .. } | ConfigError::Invalid { .. } => USAGE,
+        };
+        Failure::new(code, e)
+    }
+}
+
+impl From<pipeline::Error> for Failure {
+    fn from(e: pipeline::Error) -> Failure {
+        let code = match e.kind() {
+            pipeline::ErrorKind::Configuration => USAGE,
+            pipeline::ErrorKind::Input => INPUT,
+            pipeline::ErrorKind::Geometry => GEOMETRY,
+            pipeline::ErrorKind::Engine => ENGINE,
+            pipeline::ErrorKind::Interrupted => INTERRUPTED,
+        };
+        Failure::new(code, e)
+    }
+}

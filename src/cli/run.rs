@@ -1,0 +1,96 @@
+//! `lumenmesh run` and `lumenmesh mesh`.
+
+use std::path::{Path, PathBuf};
+
+use super::args::{Common, MeshArgs, RunArgs};
+use super::console::{self, Console};
+use super::exit::{self, Failure};
+use super::output::Staging;
+use crate::config::{self, Case};
+use crate::pipeline::{self, Stage};
+use crate::report::{Report, Status};
+
+/// `lumenmesh run CASE.yaml`
+pub fn run(args: &RunArgs) -> Result<u8, Failure> {
+    let case = config::load(&args.case, &args.common.set)?;
+    let output = args.output.clone().unwrap_or_else(|| PathBuf::from(args.case.file_stem().unwrap_or_default()));
+    execute(&case, &output, &args.common)
+}
+
+/// `lumenmesh mesh MASK`
+pub fn mesh(args: &MeshArgs) -> Result<u8, Failure> {
+    let name = args.input.to_string_lossy().to_lowercase();
+    let surface = [".stl", ".vtp", ".ply"].iter().any(|e| name.ends_with(e));
+    let case = if surface { Case::for_surface(args.input.clone()) } else { Case::for_mask(args.input.clone()) };
+    let case = config::from_text(&config::to_yaml(&case)?, "the command line", &args.common.set)?;
+    execute(&case, &args.output, &args.common)
+}
+
+fn execute(case: &Case, output: &Path, common: &Common) -> Result<u8, Failure> {
+    console::catch_interrupt();
+    if common.threads == Some(0) {
+        return Err(Failure::usage("--threads 0: give at least 1"));
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(common.threads.unwrap_or(0))
+        .build()
+        .map_err(|e| Failure::new(exit::USAGE, e))?;
+    let progress = Console::new(common.quiet, common.verbose);
+    let stage = common.stop_after.map_or(Stage::Exports, Stage::from);
+    let report = pool.install(|| run_case(case, output, stage, &progress))?;
+    if common.json {
+        print!("{}", report.to_json());
+    } else if !common.quiet {
+        summary(&report, output);
+    }
+    Ok(if report.status == Status::Passed { 0 } else { exit::GATE })
+}
+
+/// Runs a case and puts the results into `output`.
+pub fn run_case(case: &Case, output: &Path, stage: Stage, progress: &dyn pipeline::Progress) -> Result<Report, Failure> {
+    let staging = Staging::new(output)?;
+    let worker = std::env::current_exe().map_err(|e| Failure::new(exit::ENGINE, e))?;
+    let context = pipeline::Context { stop_after: stage, progress, cancel: &console::CANCELLED, worker };
+    let outcome = pipeline::run(case, &context)?;
+    let report = pipeline::write(&outcome, case, staging.path(), &context)?;
+    staging.publish()?;
+    Ok(report)
+}
+
+fn number(report: &Report, section: &str, key: &str) -> String {
+    match report.sections.get(section).and_then(|s| s.get(key)) {
+        Some(serde_json::Value::Number(n)) => match n.as_u64() {
+            Some(i) => i.to_string(),
+            None => format!("{:.3}", n.as_f64().unwrap_or(f64::NAN)),
+        },
+        _ => "–".into(),
+    }
+}
+
+/// The lines a person reads last.
+fn summary(report: &Report, output: &Path) {
+    for w in &report.warnings {
+        eprintln!("warning: {}", w.message);
+    }
+    println!(
+        "surface  {} triangles, equi-angle skewness S max {} mean {}",
+        number(report, "surface", "faces"),
+        number(report, "surface", "s_max"),
+        number(report, "surface", "s_mean"),
+    );
+    if report.sections.contains_key("volume") {
+        println!(
+            "volume   {} cells ({} tetrahedra, {} prisms), equi-volume skewness S_V max {} mean {}",
+            number(report, "volume", "cells"),
+            number(report, "volume", "tets"),
+            number(report, "volume", "prisms"),
+            number(report, "volume", "sv_max"),
+            number(report, "volume", "sv_mean"),
+        );
+    }
+    for g in report.gates.iter().filter(|g| !g.passed) {
+        println!("{} {}: {} (limit {})", if g.hard { "MISSED  " } else { "advisory" }, g.name, g.value, g.limit);
+    }
+    let verdict = if report.status == Status::Passed { "all hard gates met" } else { "A HARD GATE IS MISSED" };
+    println!("results  {} ({verdict}); open {}", output.display(), output.join("report.html").display());
+}

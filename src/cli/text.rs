@@ -1,0 +1,57 @@
+//! Commands that only print: schema, reference, completions, manual page, validation.
+
+use std::io::Write;
+
+use clap::CommandFactory;
+
+use super::args::{Cli, ValidateArgs};
+use super::exit::{Failure, USAGE};
+use crate::config;
+
+fn print(text: &[u8]) -> Result<u8, Failure> {
+    // A closed pipe (`| head`) is no error.
+    match std::io::stdout().lock().write_all(text) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::new(USAGE, e)),
+        _ => Ok(0),
+    }
+}
+
+/// `lumenmesh schema`
+pub fn schema() -> Result<u8, Failure> {
+    let text = serde_json::to_string_pretty(&config::schema()).map_err(|e| Failure::new(USAGE, e))?;
+    print(format!("{text}\n").as_bytes())
+}
+
+/// `lumenmesh reference`
+pub fn reference() -> Result<u8, Failure> {
+    print(config::reference_page().as_bytes())
+}
+
+/// `lumenmesh completions SHELL`
+pub fn completions(shell: clap_complete::Shell) -> Result<u8, Failure> {
+    let mut out = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "lumenmesh", &mut out);
+    print(&out)
+}
+
+/// `lumenmesh man`
+pub fn man() -> Result<u8, Failure> {
+    let mut out = Vec::new();
+    clap_mangen::Man::new(Cli::command()).render(&mut out).map_err(|e| Failure::new(USAGE, e))?;
+    print(&out)
+}
+
+/// `lumenmesh validate CASE.yaml`
+pub fn validate(args: &ValidateArgs) -> Result<u8, Failure> {
+    let case = config::load(&args.case, &args.set)?;
+    let input = &case.input;
+    for file in [&input.mask, &input.probability, &input.surface, &case.flow.waveform].into_iter().flatten() {
+        if !file.is_file() {
+            return Err(Failure::new(
+                super::exit::INPUT,
+                anyhow::anyhow!("{}: there is no such file: correct the path in {} (relative paths start at its folder)", file.display(), args.case.display()),
+            ));
+        }
+    }
+    print(format!("{}: valid\n", args.case.display()).as_bytes())
+}

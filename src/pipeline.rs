@@ -1,0 +1,417 @@
+//! The stages in order, as in the paper's Figure 2; progress, timing, cancellation.
+
+mod error;
+mod gates;
+mod options;
+mod results;
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+pub use error::{Error, ErrorKind};
+pub use results::write;
+
+use crate::centerline::{self, Centerlines};
+use crate::config::{Case, Detect, Method, Profile, Remesher};
+use crate::geometry::Point;
+use crate::implicit::guard::{GuardOptions, Guarded, MaskBoundary};
+use crate::implicit::{self, Implicit};
+use crate::io;
+use crate::mask::{self, Mask};
+use crate::mesh::{self, TriMesh, VolumeMesh};
+use crate::openings::{self, Opening};
+use crate::pointcloud;
+use crate::polygonize;
+use crate::quality;
+use crate::remesh::size_field::GuidanceField;
+use crate::remesh::{self, SizeField, Supports};
+use crate::report::{Report, StageTime};
+use crate::volume;
+
+/// How far a run goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// The cleaned mask.
+    Mask,
+    /// The polygonized implicit surface.
+    Reconstruction,
+    /// The remeshed surface with its openings.
+    Surface,
+    /// The volume mesh.
+    Volume,
+    /// The solver cases.
+    Exports,
+}
+
+/// Watches a run.
+pub trait Progress: Sync {
+    /// A stage begins.
+    fn begin(&self, stage: &str);
+    /// A stage has ended; `result` says what it made.
+    fn end(&self, stage: &str, seconds: f64, result: &str);
+    /// A decision and its reason.
+    fn explain(&self, text: &str);
+}
+
+/// Watches nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _: &str) {}
+    fn end(&self, _: &str, _: f64, _: &str) {}
+    fn explain(&self, _: &str) {}
+}
+
+/// What a run needs besides its case.
+pub struct Context<'a> {
+    /// How far to go.
+    pub stop_after: Stage,
+    /// Who watches.
+    pub progress: &'a dyn Progress,
+    /// Becomes true when the run should stop.
+    pub cancel: &'a AtomicBool,
+    /// The program that serves as worker of the volume engine.
+    pub worker: PathBuf,
+}
+
+/// One connected component on its way from mask to surface.
+pub struct Part {
+    /// The component, cropped, padded at the picture's border.
+    pub mask: Mask,
+    /// Its wall.
+    pub implicit: Box<dyn Implicit>,
+    /// Its centerlines.
+    pub centerlines: Centerlines,
+    /// Its guidance field.
+    pub size: Box<dyn SizeField>,
+    /// Its surface.
+    pub surface: TriMesh,
+    /// Its openings.
+    pub openings: Vec<Opening>,
+}
+
+/// The wished edge length where several components are.
+struct Sizes<'a>(&'a [Part]);
+
+impl SizeField for Sizes<'_> {
+    fn size(&self, p: &Point) -> f64 {
+        let near = self.0.iter().min_by(|a, b| {
+            a.implicit.bounds().squared_distance(p).total_cmp(&b.implicit.bounds().squared_distance(p))
+        });
+        near.map_or(f64::INFINITY, |part| part.size.size(p))
+    }
+}
+
+/// What a run made.
+pub struct Outcome {
+    /// The report, without the gates of files.
+    pub report: Report,
+    /// The cleaned mask.
+    pub mask: Mask,
+    /// The surface of all components.
+    pub surface: Option<TriMesh>,
+    /// Signed distance of each vertex to the mask's marching cubes surface, mm.
+    pub deviation: Vec<f64>,
+    /// Gaussian curvature at each vertex, 1/mm².
+    pub curvature: Vec<f64>,
+    /// Equi-angle skewness of each triangle.
+    pub surface_skewness: Vec<f64>,
+    /// Skewness of each cell, tetrahedra first.
+    pub cell_skewness: Vec<f64>,
+    /// Centerlines of all components.
+    pub centerlines: Centerlines,
+    /// Openings of all components.
+    pub openings: Vec<Opening>,
+    /// The volume mesh.
+    pub volume: Option<VolumeMesh>,
+}
+
+/// Times stages and looks for cancellation between them.
+struct Clock<'a> {
+    context: &'a Context<'a>,
+    stages: Vec<StageTime>,
+}
+
+impl Clock<'_> {
+    fn run<T, E>(&mut self, name: &str, work: impl FnOnce() -> Result<T, E>, result: impl FnOnce(&T) -> String) -> Result<T, Error>
+    where
+        Error: From<E>,
+    {
+        if self.context.cancel.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        self.context.progress.begin(name);
+        let start = Instant::now();
+        let value = work()?;
+        let seconds = start.elapsed().as_secs_f64();
+        self.context.progress.end(name, seconds, &result(&value));
+        match self.stages.iter_mut().find(|s| s.name == name) {
+            Some(s) => s.seconds += seconds,
+            None => self.stages.push(StageTime { name: name.into(), seconds }),
+        }
+        Ok(value)
+    }
+}
+
+/// Takes a case from its mask as far as `context.stop_after` says.
+///
+/// # Errors
+/// [`Error`] names the stage, the element and the way out. A missed gate is no error: it stands in the report.
+pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
+    let mut clock = Clock { context, stages: Vec::new() };
+    let mut report = Report::default();
+
+    let raw = clock.run("read", || read(case, &mut report), |m| format!("{} lumen voxels", m.count()))?;
+    let (cleaned, cleaning) =
+        clock.run("clean", || mask::clean(&raw, &options::cleaning(case)), |(m, _)| format!("{} lumen voxels", m.count()))?;
+    drop(raw);
+    report.put("cleaning", &cleaning);
+    let mut outcome = Outcome {
+        report,
+        mask: cleaned,
+        surface: None,
+        deviation: Vec::new(),
+        curvature: Vec::new(),
+        surface_skewness: Vec::new(),
+        cell_skewness: Vec::new(),
+        centerlines: Centerlines::default(),
+        openings: Vec::new(),
+        volume: None,
+    };
+    if context.stop_after > Stage::Mask {
+        surface_stages(case, &mut clock, &mut outcome)?;
+    }
+    outcome.report.run.stages = clock.stages;
+    Ok(outcome)
+}
+
+/// The mask that the case names.
+fn read(case: &Case, report: &mut Report) -> Result<Mask, Error> {
+    let Some(path) = &case.input.mask else {
+        return Err(Error::Configuration("input: only `mask` can be meshed so far: give `input: {mask: FILE}`".into()));
+    };
+    let image = io::image::read(path)?.with_unit(options::unit(case.input.units));
+    let mask = mask::select(&image, &options::selection(case))?;
+    report.put("input", &results::provenance(path, &image, &mask));
+    Ok(mask)
+}
+
+/// From the cleaned mask to the patched surface, each component by itself.
+fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Result<(), Error> {
+    let topology = mask::topology(&outcome.mask);
+    let voxel_diagonal = outcome.mask.grid.voxel_diagonal();
+    let mut parts = Vec::new();
+    for component in mask::split_components(&outcome.mask) {
+        parts.push(part(case, clock, &mut outcome.report, component)?);
+    }
+    let context = clock.context;
+    if context.stop_after >= Stage::Surface {
+        clock.run("openings", || cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
+    }
+    outcome.openings = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
+    outcome.centerlines = results::joined_centerlines(&parts);
+    let surface = results::joined_surface(&parts);
+
+    let quality = clock.run("quality", || Ok::<_, Error>(quality::surface(&surface, &options::surface_quality(case))), |q| format!("S max {:.3}, mean {:.3}", q.s_max, q.s_mean))?;
+    let combinatorial = mesh::topology::check(&surface);
+    let crossings = mesh::intersect::self_intersections(&surface);
+    outcome.report.put("surface", &quality);
+    outcome.report.put_in("surface", "topology", &combinatorial);
+    outcome.report.put_in("surface", "self_intersections", &crossings.len());
+    gates::surface(&mut outcome.report, case, &combinatorial, crossings.len(), &quality, &topology);
+
+    let cuts: Vec<_> = outcome.openings.iter().map(quality::fidelity::Cut::from).collect();
+    let fidelity = clock.run(
+        "fidelity",
+        || {
+            let reference = quality::fidelity::Reference::new(&outcome.mask)?;
+            let measured = quality::fidelity::measure(&surface, &reference, &cuts, &Default::default())?;
+            let radii = quality::fidelity::radii(&outcome.centerlines, &surface, &reference);
+            Ok::<_, Error>((measured, radii))
+        },
+        |(f, _)| format!("deviation median {:.3}, max {:.3} voxel diagonals", f.to_marching_cubes.voxel_diagonals.median, f.to_marching_cubes.voxel_diagonals.max),
+    )?;
+    let lost = quality::fidelity::lost(&outcome.centerlines, &surface, &cuts);
+    outcome.report.put("fidelity", &fidelity.0);
+    outcome.report.put_in("fidelity", "topology", &serde_json::json!({"mask": topology, "surface": combinatorial}));
+    outcome.report.put_in("fidelity", "lost", &lost.parts);
+    outcome.report.put_in("fidelity", "radius", &fidelity.1);
+    gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
+    outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();
+    outcome.surface_skewness = quality.per_triangle;
+
+    if context.stop_after >= Stage::Volume {
+        let sizes = Sizes(&parts);
+        let (cells, built) = clock.run(
+            "volume",
+            || volume::build(&surface, &sizes, &options::volume(case, &context.worker), Some(context.cancel)),
+            |(v, _)| format!("{} tetrahedra, {} prisms", v.tets.len(), v.prisms.len()),
+        )?;
+        for w in built.layers.iter().flat_map(|l| &l.warnings) {
+            outcome.report.warn("boundary layers", w.clone());
+        }
+        let measured = clock.run(
+            "volume quality",
+            || quality::volume(&cells, &Default::default()),
+            |q| format!("S_V max {:.3}, mean {:.3}", q.sv_max, q.sv_mean),
+        )?;
+        outcome.report.put("volume", &measured);
+        results::contract_keys(&mut outcome.report, &measured);
+        outcome.report.put_in("volume", "build", &built);
+        let faults = results::boundary_faces_unlike(&surface, &cells);
+        gates::volume(&mut outcome.report, case, &measured, faults);
+        outcome.cell_skewness = measured.per_cell;
+        outcome.volume = Some(cells);
+    }
+    outcome.surface = Some(surface);
+    Ok(())
+}
+
+/// One component: implicit, polygons, centerlines, sizes, triangles.
+fn part(case: &Case, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Part, Error> {
+    let context = clock.context;
+    let mask = mask::crop_pad(&component, 4, PAD);
+    let implicit = clock.run("reconstruct", || reconstruct(case, &mask, report), |_| String::new())?;
+    let (polygons, summary) = clock.run(
+        "polygonize",
+        || polygonize::polygonize(implicit.as_ref(), &mask, &options::polygonizer(case)),
+        |(m, _)| format!("{} triangles", m.triangles.len()),
+    )?;
+    report.put_in("reconstruction", "polygonizer", &summary);
+    let offset = summary.level;
+    let implicit: Box<dyn Implicit> = if offset == 0.0 { implicit } else { Box::new(implicit::offset::Offset::new(implicit, offset)) };
+    let centerlines = clock.run(
+        "centerlines",
+        || {
+            let (mut lines, summary) = centerline::trace(&mask, &Default::default())?;
+            centerline::refine(&mut lines, implicit.as_ref());
+            report.put("centerlines", &summary);
+            Ok::<_, Error>(lines)
+        },
+        |c| format!("{} branches", c.branches.len()),
+    )?;
+    let size = clock.run("guidance field", || guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| s.why.clone())?;
+    context.progress.explain(&size.1.why);
+    report.put_in("remeshing", "guidance_field", &size.1);
+    let mut part = Part { mask, implicit, centerlines, size: Box::new(size.0), surface: polygons, openings: Vec::new() };
+    if context.stop_after >= Stage::Surface {
+        part.surface = clock.run("remesh", || triangles(case, &part, report), |m| format!("{} triangles", m.triangles.len()))?;
+    }
+    Ok(part)
+}
+
+/// The guidance field of a component.
+fn guidance(
+    case: &Case,
+    mask: &Mask,
+    implicit: &dyn Implicit,
+    polygons: &TriMesh,
+    centerlines: &Centerlines,
+) -> Result<(GuidanceField, remesh::size_field::Summary), remesh::Error> {
+    let mut radii: Vec<(Point, f64)> = centerlines.branches.iter().flat_map(|b| &b.samples).map(|s| (s.point, s.radius)).collect();
+    let [x, y, z] = mask.grid.spacing();
+    let mut sorted: Vec<f64> = radii.iter().map(|r| r.1).collect();
+    sorted.sort_by(f64::total_cmp);
+    // Lengths of the whole case in R and D are taken at the median radius.
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(x);
+    radii.retain(|r| r.1 > 0.0);
+    let options = options::guidance(case, x.min(y).min(z), median);
+    GuidanceField::new(polygons, implicit, &radii, [x, y, z], &options)
+}
+
+/// Voxels by which a vessel that leaves the picture is continued, so that the cut lies inside the picture.
+const PAD: usize = 4;
+
+fn reconstruct(case: &Case, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
+    report.put_in("reconstruction", "profile", &case.reconstruction.profile);
+    let boundary = MaskBoundary::new(mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
+    match options::method(case) {
+        Method::Smooth => {
+            let (f, summary) = implicit::smooth::fit(mask, &Default::default())?;
+            report.put_in("reconstruction", "smooth", &summary);
+            Ok(Box::new(Guarded::new(f, boundary)))
+        }
+        Method::Mpu => {
+            let points = match case.reconstruction.profile {
+                Profile::Paper => pointcloud::PointCloudOptions::paper(),
+                Profile::Cfd => pointcloud::PointCloudOptions::cfd(),
+            };
+            let (points, cloud) = pointcloud::extract(mask, &points)?;
+            let (f, summary) = implicit::mpu::fit(&points, &implicit::mpu::MpuOptions::estimate(&mask.grid, &points))?;
+            report.put_in("reconstruction", "point_cloud", &cloud);
+            report.put_in("reconstruction", "mpu", &summary);
+            Ok(Box::new(Guarded::new(f, boundary)))
+        }
+    }
+}
+
+/// Finds the ends and cuts them open; gives the number of openings.
+fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Result<usize, Error> {
+    let found = ends(case, mask, &results::joined_centerlines(parts), report)?;
+    let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
+    let mut measures = Vec::new();
+    for (n, part) in parts.iter_mut().enumerate() {
+        part.openings = found.iter().filter(|o| o.component as usize == n).cloned().collect();
+        let (mesh, measured, summary) =
+            openings::cut(&part.surface, part.implicit.as_ref(), part.size.as_ref(), &part.openings, &options::cut(case))?;
+        part.surface = mesh;
+        measures.extend(measured);
+        report.put_in("remeshing", "cuts", &summary);
+    }
+    measures.sort_by_key(|m| m.id);
+    report.put("openings", &results::opening_rows(&measures, &found));
+    let inlets = found.iter().filter(|o| o.kind == mesh::PatchKind::Inlet).count();
+    gates::openings(report, case, &measures, inlets, diagonal);
+    if found.is_empty() {
+        report.warn("openings", "there is no opening: the vessel is closed on all sides; give planes under `openings:`");
+    }
+    Ok(found.len())
+}
+
+/// The planes at which to cut: those detected, and what the user wants of them.
+fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> Result<Vec<Opening>, Error> {
+    // The centerlines run on through the padding; so must the mask that they are held against.
+    let padded = mask::crop_pad(mask, 4, PAD);
+    let (detected, summary) = match case.openings.detect {
+        Detect::Auto => openings::detect(&padded, lines, &Default::default()),
+        Detect::Off => Default::default(),
+    };
+    for w in &summary.warnings {
+        report.warn("openings", w.clone());
+    }
+    report.put("ends", &summary);
+    let (found, warnings) = openings::apply_user(&padded, lines, detected, &options::user_openings(case))?;
+    for w in warnings {
+        report.warn("openings", w);
+    }
+    Ok(found)
+}
+
+fn triangles(case: &Case, part: &Part, report: &mut Report) -> Result<TriMesh, Error> {
+    let supports = Supports::new(part.implicit.as_ref());
+    let mesh = match case.surface.remesher {
+        Remesher::AdvancingFront => {
+            let (m, summary) =
+                remesh::advancing_front::remesh(&part.surface, part.implicit.as_ref(), part.size.as_ref(), &Default::default())?;
+            report.put_in("remeshing", "advancing_front", &summary);
+            report.put_in("surface", "front_fraction", &summary.front_fraction);
+            m
+        }
+        Remesher::Auto | Remesher::Isotropic => {
+            let (m, summary) = remesh::isotropic::remesh(&part.surface, &supports, part.size.as_ref(), &Default::default())?;
+            report.put_in("remeshing", "isotropic", &summary);
+            m
+        }
+        Remesher::Improve => {
+            let improve = remesh::improve::ImproveOptions { max_skewness: case.surface.max_skewness, ..Default::default() };
+            let (m, summary) = remesh::improve::improve(&part.surface, &supports, part.size.as_ref(), &improve)?;
+            report.put_in("remeshing", "improve", &summary);
+            return Ok(m);
+        }
+    };
+    let (mesh, summary) = remesh::angle_repair::repair(&mesh, &supports, part.size.as_ref(), &options::repair(case))?;
+    report.put_in("remeshing", "angle_repair", &summary);
+    Ok(mesh)
+}

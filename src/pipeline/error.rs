@@ -1,0 +1,91 @@
+//! What can end a run, by kind: the command line turns kinds into exit codes.
+
+use crate::{centerline, implicit, io, mask, openings, pointcloud, polygonize, quality, remesh, volume};
+
+/// Kinds of failure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// The case asks for something that cannot be.
+    Configuration,
+    /// The input cannot be read or used.
+    Input,
+    /// Geometry or topology.
+    Geometry,
+    /// The volume engine.
+    Engine,
+    /// The user asked to stop.
+    Interrupted,
+}
+
+/// Why a run ended without a mesh.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file cannot be read or written.
+    #[error(transparent)]
+    File(#[from] io::Error),
+    /// The mask is unusable.
+    #[error(transparent)]
+    Mask(#[from] mask::Error),
+    /// The point cloud cannot be made.
+    #[error(transparent)]
+    PointCloud(#[from] pointcloud::Error),
+    /// No implicit surface.
+    #[error(transparent)]
+    Smooth(#[from] implicit::smooth::SmoothError),
+    /// No MPU implicit.
+    #[error(transparent)]
+    Mpu(#[from] implicit::mpu::MpuError),
+    /// The implicit surface cannot be polygonized.
+    #[error(transparent)]
+    Polygonize(#[from] polygonize::PolygonizeError),
+    /// No centerlines.
+    #[error(transparent)]
+    Centerline(#[from] centerline::Error),
+    /// The surface cannot be remeshed.
+    #[error(transparent)]
+    Remesh(#[from] remesh::Error),
+    /// The advancing front failed.
+    #[error(transparent)]
+    Front(#[from] remesh::advancing_front::AdvancingFrontError),
+    /// An opening cannot be made.
+    #[error(transparent)]
+    Openings(#[from] openings::Error),
+    /// The user's openings cannot be made.
+    #[error(transparent)]
+    UserOpenings(#[from] openings::UserError),
+    /// No flow can be planned.
+    #[error(transparent)]
+    Flow(#[from] crate::flow::FlowError),
+    /// Fidelity cannot be measured.
+    #[error(transparent)]
+    Fidelity(#[from] quality::fidelity::FidelityError),
+    /// No volume mesh.
+    #[error(transparent)]
+    Volume(#[from] volume::Error),
+    /// A component has no voxel.
+    #[error("a component of the mask has no lumen voxel: check the label or threshold that selects the lumen")]
+    EmptyComponent,
+    /// The volume mesh does not hang together.
+    #[error("the volume mesh cannot be exported: {0}")]
+    Faces(#[from] crate::mesh::faces::FaceError),
+    /// The case contradicts itself or the picture.
+    #[error("{0}")]
+    Configuration(String),
+    /// Ctrl-C or a termination signal.
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+impl Error {
+    /// The kind of failure.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Error::File(_) | Error::Mask(_) => ErrorKind::Input,
+            Error::Configuration(_) | Error::Flow(_) => ErrorKind::Configuration,
+            Error::Interrupted | Error::Volume(volume::Error::Cancelled) => ErrorKind::Interrupted,
+            Error::Volume(volume::Error::Surface(_)) => ErrorKind::Geometry,
+            Error::Volume(_) => ErrorKind::Engine,
+            _ => ErrorKind::Geometry,
+        }
+    }
+}

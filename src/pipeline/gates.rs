@@ -1,0 +1,71 @@
+//! The gates of the contract, each a figure held against its limit.
+
+use crate::config::Case;
+use crate::mask::Topology;
+use crate::mesh::topology::TopologyReport;
+use crate::openings::OpeningMeasure;
+use crate::quality::fidelity::{Fidelity, LostLength};
+use crate::quality::{SurfaceQuality, VolumeQuality};
+use crate::report::{Gate, Limit, Report};
+
+/// Closedness, self-intersection, topology, equi-angle skewness.
+pub fn surface(report: &mut Report, case: &Case, topology: &TopologyReport, crossings: usize, quality: &SurfaceQuality, mask: &Topology) {
+    let faults = topology.open_edges
+        + topology.nonmanifold_edges
+        + topology.inconsistent_edges
+        + topology.nonmanifold_vertices
+        + topology.degenerate_triangles
+        + crossings;
+    let s = &case.surface;
+    report.gate(Gate::hard(
+        "surface closed, oriented, 2-manifold, free of self-intersection (violations)",
+        faults as f64,
+        Limit::Exactly(0.0),
+    ));
+    report.gate(Gate::hard("equi-angle skewness, max over all triangles", quality.s_max, Limit::Below(s.max_skewness)));
+    let worst = |wall: bool| {
+        let patches = quality.patches.iter().filter(|p| (p.id == crate::mesh::WALL) == wall);
+        patches.map(|p| p.s_max).fold(0.0, f64::max)
+    };
+    report.gate(Gate::advisory("equi-angle skewness aimed at, wall and rims", worst(true), Limit::AtMost(s.target_skewness)));
+    report.gate(Gate::advisory("equi-angle skewness aimed at, caps", worst(false), Limit::AtMost(s.target_skewness + 0.05)));
+    report.gate(Gate::hard(
+        "Euler characteristic of the surface = 2 × that of the cleaned mask",
+        topology.euler as f64,
+        Limit::Exactly(2.0 * mask.euler as f64),
+    ));
+    report.gate(Gate::hard(
+        "components of the surface = components of the cleaned mask",
+        topology.components as f64,
+        Limit::Exactly(mask.components as f64),
+    ));
+}
+
+/// Distance to the mask and lost length.
+pub fn fidelity(report: &mut Report, case: &Case, fidelity: &Fidelity, lost: &LostLength) {
+    let max = fidelity.to_marching_cubes.voxel_diagonals.max.max(fidelity.from_marching_cubes.voxel_diagonals.max);
+    report.gate(Gate::hard("distance to the mask's boundary, max (voxel diagonals)", max, Limit::AtMost(case.gates.max_distance)));
+    report.gate(Gate::hard("lost length, part of the centerline", lost.fraction, Limit::AtMost(case.gates.lost_length)));
+}
+
+/// Openings: at least one of each, caps planar.
+pub fn openings(report: &mut Report, case: &Case, measures: &[OpeningMeasure], inlets: usize, diagonal: f64) {
+    report.gate(Gate::advisory("inlets", inlets as f64, Limit::AtLeast(1.0)));
+    report.gate(Gate::advisory("outlets", measures.len().saturating_sub(inlets) as f64, Limit::AtLeast(1.0)));
+    let planarity = measures.iter().map(|m| m.planarity).fold(0.0, f64::max) / diagonal;
+    report.gate(Gate::hard("caps planar (part of the bounding box)", planarity, Limit::AtMost(case.gates.cap_planarity)));
+}
+
+/// Cells, skewness, OpenFOAM's measures.
+pub fn volume(report: &mut Report, case: &Case, q: &VolumeQuality, boundary_faults: usize) {
+    let g = &case.gates;
+    report.gate(Gate::hard("cells not positive, boundary faces unlike the surface's (violations)", (q.nonpositive_cells + boundary_faults) as f64, Limit::Exactly(0.0)));
+    report.gate(Gate::hard("equi-volume skewness, max over all tetrahedra", q.sv_max, Limit::Below(g.max_volume_skewness)));
+    let aim = if q.prisms > 0 { 0.85 } else { 0.80 };
+    report.gate(Gate::advisory("equi-volume skewness aimed at, max", q.sv_max, Limit::AtMost(aim)));
+    report.gate(Gate::advisory("equi-volume skewness aimed at, mean", q.sv_mean, Limit::AtMost(0.28)));
+    let f = &q.openfoam;
+    report.gate(Gate::hard("OpenFOAM non-orthogonality, max (degrees)", f.non_orthogonality_max, Limit::AtMost(g.max_non_orthogonality)));
+    report.gate(Gate::hard("OpenFOAM skewness, max", f.skewness_max, Limit::Below(g.max_openfoam_skewness)));
+    report.gate(Gate::hard("OpenFOAM cell determinant, min", f.determinant_min, Limit::AtLeast(g.min_determinant)));
+}

@@ -1,0 +1,191 @@
+//! From the case as written to each stage's own options.
+
+use std::path::Path;
+
+use crate::config::{self, AutoLength, Case, Labels, Length};
+use crate::flow::{FlowOptions, Inflow, OutletSplit, Profile, Viscosity, Waveform};
+use crate::geometry::Aabb;
+use crate::mask::{CleaningOptions, Components, LengthUnit, Selection};
+use crate::mesh::PatchKind;
+use crate::openings::{CutOptions, UserOpenings, UserPlane};
+use crate::polygonize::PolygonizeOptions;
+use crate::quality::SurfaceOptions;
+use crate::remesh::angle_repair::RepairOptions;
+use crate::remesh::size_field::{EdgeLength, GuidanceOptions, Refinement};
+use crate::volume::{BuildOptions, LayerOptions, SizingOptions, VolumeOptions, WorkerOptions};
+
+pub fn selection(case: &Case) -> Selection {
+    match (&case.input.label, case.input.threshold) {
+        (_, Some(lower)) => Selection::Threshold { lower: Some(lower), upper: None },
+        (Labels::One(l), None) => Selection::Label(vec![*l]),
+        (Labels::Several(l), None) => Selection::Label(l.clone()),
+        (Labels::NonZero, None) => Selection::NonZero,
+    }
+}
+
+pub fn unit(units: config::Units) -> LengthUnit {
+    match units {
+        config::Units::Mm => LengthUnit::Millimetre,
+        config::Units::Cm => LengthUnit::Centimetre,
+        config::Units::M => LengthUnit::Metre,
+        config::Units::Um => LengthUnit::Micrometre,
+    }
+}
+
+pub fn cleaning(case: &Case) -> CleaningOptions {
+    let c = &case.input.cleaning;
+    CleaningOptions {
+        components: match case.input.components {
+            config::Components::Largest => Components::Largest,
+            config::Components::All => Components::All,
+        },
+        min_island: c.min_island.0,
+        fill_cavities: c.fill_cavities,
+        max_hole: c.max_hole.0,
+        contacts: c.contacts,
+        ..CleaningOptions::default()
+    }
+}
+
+pub fn polygonizer(case: &Case) -> PolygonizeOptions {
+    let base = match case.reconstruction.profile {
+        config::Profile::Paper => PolygonizeOptions::paper(),
+        config::Profile::Cfd => PolygonizeOptions::default(),
+    };
+    PolygonizeOptions {
+        cell: case.reconstruction.cell.unwrap_or(base.cell),
+        offset: case.reconstruction.offset.unwrap_or(base.offset),
+    }
+}
+
+pub fn method(case: &Case) -> config::Method {
+    case.reconstruction.method.unwrap_or(match case.reconstruction.profile {
+        config::Profile::Paper => config::Method::Mpu,
+        config::Profile::Cfd => config::Method::Smooth,
+    })
+}
+
+pub fn repair(case: &Case) -> RepairOptions {
+    RepairOptions {
+        target_skewness: case.surface.target_skewness,
+        max_skewness: case.surface.max_skewness,
+        ..RepairOptions::default()
+    }
+}
+
+pub fn volume(case: &Case, worker: &Path) -> BuildOptions {
+    let v = &case.volume;
+    let mut sizing =
+        SizingOptions { growth: v.growth, target_cells: v.target_cells.map(|n| n as u64), ..SizingOptions::default() };
+    if let AutoLength::Given(l) = v.edge_length
+        && l.unit == config::Unit::Radius
+    {
+        sizing.radius_fraction = l.value;
+    }
+    let worker = WorkerOptions {
+        executable: Some(worker.to_path_buf()),
+        time_limit: v.time_limit,
+        memory_limit: (v.memory_limit * f64::from(1u32 << 30)) as u64,
+        ..WorkerOptions::default()
+    };
+    let b = &v.boundary_layers;
+    let layers = (b.count > 0).then(|| LayerOptions {
+        count: b.count,
+        growth: b.growth,
+        total: b.total.value * if b.total.unit == config::Unit::Diameter { 2.0 } else { 1.0 },
+        first_height: match b.first_height {
+            AutoLength::Given(l) if l.unit == config::Unit::Millimetre => Some(l.value),
+            _ => None,
+        },
+        ..LayerOptions::default()
+    });
+    BuildOptions { layers, fill: VolumeOptions { sizing, worker }, ..BuildOptions::default() }
+}
+
+pub fn surface_quality(case: &Case) -> SurfaceOptions {
+    SurfaceOptions { limit: case.surface.max_skewness, ..SurfaceOptions::default() }
+}
+
+pub fn cut(case: &Case) -> CutOptions {
+    CutOptions { repair: repair(case), ..CutOptions::default() }
+}
+
+/// The guidance field's options; lengths in voxels are of the smallest edge, those in R and D of `radius`.
+pub fn guidance(case: &Case, voxel: f64, radius: f64) -> GuidanceOptions {
+    let s = &case.surface;
+    let mm = |l: Length| l.to_mm(voxel, radius);
+    let edge_length = match (s.target_faces, s.edge_length) {
+        (Some(n), _) => EdgeLength::TargetFaces(n),
+        (None, AutoLength::Auto) => EdgeLength::Auto,
+        (None, AutoLength::Given(l)) => EdgeLength::Fixed(mm(l)),
+    };
+    let refine = s.refine.iter().filter_map(|r| {
+        let edge_length = mm(r.edge_length);
+        match (&r.sphere, &r.cuboid) {
+            (Some(b), _) => Some(Refinement::Sphere { center: b.center.into(), radius: b.radius, edge_length }),
+            (None, Some(b)) => Some(Refinement::Box { bounds: Aabb { min: b.min.into(), max: b.max.into() }, edge_length }),
+            (None, None) => None,
+        }
+    });
+    GuidanceOptions {
+        edge_length,
+        edges_per_circumference: s.edges_around,
+        min: s.min_edge_length.map(mm),
+        max: s.max_edge_length.map(mm),
+        scale: s.scale,
+        gradation: s.growth,
+        refine: refine.collect(),
+        ..GuidanceOptions::default()
+    }
+}
+
+pub fn user_openings(case: &Case) -> UserOpenings {
+    let kind = |k: config::OpeningKind| match k {
+        config::OpeningKind::Inlet => PatchKind::Inlet,
+        config::OpeningKind::Outlet => PatchKind::Outlet,
+    };
+    let plane = |p: &config::OpeningPlane| UserPlane {
+        name: p.name.clone(),
+        center: p.center.into(),
+        normal: p.normal.into(),
+        kind: p.kind.map(kind),
+    };
+    let o = &case.openings;
+    UserOpenings {
+        planes: o.planes.iter().map(plane).collect(),
+        drop: o.drop.clone(),
+        rename: o.rename.iter().map(|r| (r.from.clone(), r.to.clone())).collect(),
+        inlet: o.inlet.clone(),
+    }
+}
+
+/// The flow of the case; the waveform is read by the caller.
+pub fn flow(case: &Case, waveform: Option<Waveform>) -> Result<FlowOptions, String> {
+    let f = &case.flow;
+    let given = [f.inlet.reynolds, f.inlet.flow_rate, f.inlet.velocity].iter().flatten().count();
+    if given > 1 {
+        return Err(format!("flow.inlet gives {given} of reynolds, flow_rate and velocity: give one"));
+    }
+    let inflow = match (f.inlet.reynolds, f.inlet.flow_rate, f.inlet.velocity) {
+        (_, Some(q), _) => Inflow::FlowRate(q * 1e-6),
+        (_, _, Some(v)) => Inflow::Velocity(v),
+        (re, _, _) => Inflow::Reynolds(re.unwrap_or(300.0)),
+    };
+    let split = match f.outlets.split {
+        config::Split::Murray => OutletSplit::Murray,
+        config::Split::Area => OutletSplit::Area,
+        config::Split::Fractions => OutletSplit::Fractions(f.outlets.fractions.clone()),
+        config::Split::Resistance => OutletSplit::Resistance(f.outlets.resistances.clone()),
+        config::Split::Pressure => OutletSplit::Pressure,
+    };
+    let profile = match f.inlet.profile {
+        config::VelocityProfile::Parabolic => Profile::Parabolic,
+        config::VelocityProfile::Flat => Profile::Flat,
+    };
+    let viscosity = match f.blood.model {
+        config::Viscosity::Newtonian => Viscosity::Newtonian { mu: f.blood.viscosity },
+        config::Viscosity::Casson => Viscosity::CASSON,
+        config::Viscosity::Carreau => Viscosity::CARREAU,
+    };
+    Ok(FlowOptions { inflow, profile, split, viscosity, density: f.blood.density, waveform, ..FlowOptions::default() })
+}

@@ -1,0 +1,310 @@
+//! From what a run made to files in a folder.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::{Context, Error, Outcome, Part, Stage};
+use crate::centerline::Centerlines;
+use crate::config::{Case, Export};
+use crate::flow::{FlowError, FlowOptions, FlowPlan, Waveform};
+use crate::geometry::Point;
+use crate::io::vtp::{Array, Extra, Values};
+use crate::io::{fluent, gmsh, openfoam, ply, simvascular, stl, vtp, vtu};
+use crate::mask::{Image, Mask};
+use crate::mesh::faces::FaceList;
+use crate::mesh::{Patch, TriMesh, VolumeMesh};
+use crate::openings::{FoundBy, Opening, OpeningMeasure};
+use crate::quality::VolumeQuality;
+use crate::report::{Report, html};
+
+/// Where the input came from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Provenance {
+    /// The file's name.
+    pub file: String,
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// Voxels along each axis.
+    pub dims: [usize; 3],
+    /// Voxel edges, mm.
+    pub spacing: [f64; 3],
+    /// Centre of the first voxel, LPS mm.
+    pub origin: Point,
+    /// Unit vectors of the axes, one column an axis, row by row.
+    pub direction: [[f64; 3]; 3],
+    /// Type of the voxels.
+    pub scalar: &'static str,
+    /// Lumen voxels.
+    pub lumen_voxels: usize,
+}
+
+pub(super) fn provenance(path: &Path, image: &Image, mask: &Mask) -> Provenance {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let d = image.grid.direction();
+    Provenance {
+        file: path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+        sha256: Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect(),
+        dims: image.grid.dims,
+        spacing: image.grid.spacing(),
+        origin: image.grid.origin,
+        direction: [0, 1, 2].map(|r| [0, 1, 2].map(|c| d[(r, c)])),
+        scalar: image.values.type_name(),
+        lumen_voxels: mask.count(),
+    }
+}
+
+/// One mesh of all components; patch ids are those of the openings.
+pub(super) fn joined_surface(parts: &[Part]) -> TriMesh {
+    let mut all = TriMesh { patches: vec![Patch::wall()], ..TriMesh::default() };
+    for part in parts {
+        let base = all.points.len() as u32;
+        all.points.extend_from_slice(&part.surface.points);
+        all.triangles.extend(part.surface.triangles.iter().map(|t| t.map(|v| v + base)));
+        all.patch.extend_from_slice(&part.surface.patch);
+        all.patches.extend(part.surface.patches.iter().filter(|p| p.id != crate::mesh::WALL).cloned());
+    }
+    all.patches.sort_by_key(|p| p.id);
+    all
+}
+
+/// The centerlines of all components.
+pub(super) fn joined_centerlines(parts: &[Part]) -> Centerlines {
+    let mut all = Centerlines::default();
+    for (component, part) in parts.iter().enumerate() {
+        let base = all.nodes.len() as u32;
+        all.nodes.extend_from_slice(&part.centerlines.nodes);
+        all.branches.extend(part.centerlines.branches.iter().cloned().map(|mut b| {
+            b.nodes = b.nodes.map(|n| n + base);
+            b.component = component as u32;
+            b
+        }));
+    }
+    all
+}
+
+/// Boundary triangles of the volume mesh that the surface lacks, and the other way round.
+pub(super) fn boundary_faces_unlike(surface: &TriMesh, volume: &VolumeMesh) -> usize {
+    let key = |ids: &[u32], patch: u32| {
+        let mut k = ids.to_vec();
+        k.sort_unstable();
+        (k, patch)
+    };
+    let mut wanted: Vec<_> = surface.triangles.iter().zip(&surface.patch).map(|(t, p)| key(t, *p)).collect();
+    let mut found: Vec<_> = volume.boundary.iter().map(|f| key(f.ids(), f.patch)).collect();
+    wanted.sort();
+    found.sort();
+    let (mut i, mut j, mut unlike) = (0, 0, 0);
+    while i < wanted.len() || j < found.len() {
+        match (wanted.get(i), found.get(j)) {
+            (Some(a), Some(b)) if a == b => (i, j) = (i + 1, j + 1),
+            (Some(a), Some(b)) if a < b => (i, unlike) = (i + 1, unlike + 1),
+            (Some(_), None) => (i, unlike) = (i + 1, unlike + 1),
+            _ => (j, unlike) = (j + 1, unlike + 1),
+        }
+    }
+    unlike
+}
+
+/// Largest resident memory of this process so far, bytes; 0 where the system does not tell.
+fn peak_memory() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"));
+    let kib = line.and_then(|l| l.split_whitespace().nth(1)).and_then(|n| n.parse::<u64>().ok());
+    kib.unwrap_or(0) * 1024
+}
+
+/// Writes everything that a run made into `dir` and gives the final report.
+///
+/// # Errors
+/// [`Error::File`] names the file that could not be written.
+pub fn write(outcome: &Outcome, case: &Case, dir: &Path, context: &Context) -> Result<Report, Error> {
+    let folder = |name: &str| -> Result<std::path::PathBuf, Error> {
+        let path = dir.join(name);
+        std::fs::create_dir_all(&path).map_err(|e| crate::io::Error::write(&path, e))?;
+        Ok(path)
+    };
+    crate::io::nrrd::write_mask(&folder("input")?.join("mask-cleaned.nrrd"), &outcome.mask)?;
+    let mut report = outcome.report.clone();
+    let start = std::time::Instant::now();
+    if let Some(surface) = &outcome.surface {
+        files_of_surface(outcome, surface, case, &folder("surface")?)?;
+    }
+    if let Some(volume) = &outcome.volume {
+        files_of_volume(outcome, volume, &folder("volume")?)?;
+        if context.stop_after >= Stage::Exports {
+            exports(volume, case, dir, &mut report)?;
+        }
+    }
+    report.run.stages.push(crate::report::StageTime { name: "write".into(), seconds: start.elapsed().as_secs_f64() });
+    report.run.peak_memory_bytes = peak_memory();
+    report.run.threads = rayon::current_num_threads();
+    let yaml = crate::config::to_yaml(case).map_err(|e| Error::Configuration(e.to_string()))?;
+    let text = |name: &str, text: &str| -> Result<(), Error> {
+        let path = dir.join(name);
+        std::fs::write(&path, text).map_err(|e| crate::io::Error::write(&path, e).into())
+    };
+    text("case.resolved.yaml", &yaml)?;
+    text("lumenmesh.log", &log(&report))?;
+    if let Some(surface) = &outcome.surface {
+        let scene = html::Scene {
+            surface,
+            skewness: &outcome.surface_skewness,
+            deviation: outcome.deviation.clone(),
+            curvature: &outcome.curvature,
+            centerlines: segments(&outcome.centerlines),
+            volume: outcome.volume.as_ref().map(|v| (v, outcome.cell_skewness.as_slice())),
+            title: title(case),
+            case: &yaml,
+        };
+        text("report.html", &html::page(&report, &scene))?;
+    }
+    text("report.json", &report.to_json())?;
+    Ok(report)
+}
+
+/// An opening in the report: as found and as made.
+#[derive(Debug, Clone, Serialize)]
+pub struct OpeningRow<'a> {
+    #[serde(flatten)]
+    measure: &'a OpeningMeasure,
+    found_by: FoundBy,
+    confidence: f64,
+    /// Radius of the largest inscribed sphere at the plane, mm.
+    radius: f64,
+    component: u32,
+}
+
+pub(super) fn opening_rows<'a>(measures: &'a [OpeningMeasure], found: &[Opening]) -> Vec<OpeningRow<'a>> {
+    let rows = measures.iter().filter_map(|measure| {
+        let o = found.iter().find(|o| o.id == measure.id)?;
+        Some(OpeningRow { measure, found_by: o.found_by, confidence: o.confidence, radius: o.radius, component: o.component })
+    });
+    rows.collect()
+}
+
+fn create(path: &Path, body: impl FnOnce(&mut dyn std::io::Write) -> std::io::Result<()>) -> Result<(), Error> {
+    let failed = |e| Error::from(crate::io::Error::write(path, e));
+    let mut file = std::io::BufWriter::with_capacity(1 << 20, std::fs::File::create(path).map_err(failed)?);
+    body(&mut file).map_err(failed)?;
+    std::io::Write::flush(&mut file).map_err(failed)
+}
+
+fn files_of_surface(outcome: &Outcome, surface: &TriMesh, case: &Case, dir: &Path) -> Result<(), Error> {
+    let mut extra = Extra::default();
+    if outcome.deviation.len() == surface.points.len() {
+        extra.point.push(Array::scalars("DeviationVox", Values::F64(outcome.deviation.clone())));
+    }
+    if outcome.curvature.len() == surface.points.len() {
+        extra.point.push(Array::scalars("GaussianCurvature", Values::F64(outcome.curvature.clone())));
+    }
+    create(&dir.join("lumen.vtp"), |w| vtp::write_surface(w, surface, &extra))?;
+    create(&dir.join("centerlines.vtp"), |w| vtp::write_centerlines(w, &outcome.centerlines))?;
+    if case.exports.contains(&Export::Stl) {
+        create(&dir.join("lumen.stl"), |w| stl::write(w, surface))?;
+        for patch in &surface.patches {
+            create(&dir.join(format!("{}.stl", patch.name)), |w| stl::write_patch(w, surface, patch))?;
+        }
+    }
+    if case.exports.contains(&Export::Ply) {
+        create(&dir.join("lumen.ply"), |w| ply::write(w, surface))?;
+    }
+    Ok(())
+}
+
+fn files_of_volume(outcome: &Outcome, volume: &VolumeMesh, dir: &Path) -> Result<(), Error> {
+    create(&dir.join("lumen.vtu"), |w| vtu::write(w, volume, &outcome.cell_skewness, &Extra::default()))?;
+    create(&dir.join("boundary.vtp"), |w| vtp::write_boundary(w, volume))
+}
+
+/// Keys of the contract that the volume's quality has deeper down.
+pub(super) fn contract_keys(report: &mut Report, q: &VolumeQuality) {
+    report.put_in("volume", "non_orthogonality", &q.openfoam.non_orthogonality_max);
+    report.put_in("volume", "openfoam_skewness", &q.openfoam.skewness_max);
+    report.put_in("volume", "orthogonal_quality", &q.fluent.orthogonal_quality_min);
+    report.put_in("volume", "histogram", &q.equi_volume.histogram);
+    report.put_in("volume", "worst", &q.equi_volume.worst);
+}
+
+fn exports(volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) -> Result<(), Error> {
+    let wanted = |e: Export| case.exports.contains(&e);
+    if ![Export::Openfoam, Export::Fluent, Export::Gmsh, Export::Simvascular].into_iter().any(wanted) {
+        return Ok(());
+    }
+    let faces = FaceList::build(volume).map_err(Error::Faces)?;
+    let failed = |path: &Path, e: std::io::Error| Error::from(crate::io::Error::write(path, e));
+    let folder = |name: &str| -> Result<PathBuf, Error> {
+        let path = dir.join(name);
+        std::fs::create_dir_all(&path).map_err(|e| failed(&path, e))?;
+        Ok(path)
+    };
+    if wanted(Export::Openfoam) {
+        let case_dir = folder("openfoam")?;
+        match flow_plan(case, &faces)? {
+            Some((flow, plan)) => {
+                for w in &plan.warnings {
+                    report.warn("flow", w.clone());
+                }
+                report.put("flow", &serde_json::json!({"patches": plan.openings, "total_m3_per_s": plan.total, "nu_m2_per_s": plan.nu}));
+                openfoam::write_case(&case_dir, &faces, &flow, &plan).map_err(|e| failed(&case_dir, e))?;
+            }
+            None => {
+                report.warn("openfoam", "there is no inlet or no outlet: openfoam/ holds the mesh only, without 0/ and system/");
+                openfoam::write_poly_mesh(&case_dir, &faces).map_err(|e| failed(&case_dir, e))?;
+            }
+        }
+    }
+    if wanted(Export::Fluent) {
+        create(&folder("fluent")?.join("lumen.msh"), |w| fluent::write(w, volume, &faces))?;
+    }
+    if wanted(Export::Gmsh) {
+        create(&folder("gmsh")?.join("lumen.msh"), |w| gmsh::write(w, volume))?;
+    }
+    if wanted(Export::Simvascular) {
+        let path = folder("simvascular")?.join("mesh-complete");
+        simvascular::write(&path, volume, &faces).map_err(|e| failed(&path, e))?;
+    }
+    Ok(())
+}
+
+/// The flow through the openings; `None` where nothing can flow.
+fn flow_plan(case: &Case, faces: &FaceList<'_>) -> Result<Option<(FlowOptions, FlowPlan)>, Error> {
+    let waveform = match &case.flow.waveform {
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|e| crate::io::Error::read(path, e))?;
+            Some(Waveform::parse_csv(&text)?)
+        }
+        None => None,
+    };
+    let options = super::options::flow(case, waveform).map_err(Error::Configuration)?;
+    match FlowPlan::resolve(&options, faces) {
+        Ok(plan) => Ok(Some((options, plan))),
+        Err(FlowError::NoOpening(_)) => Ok(None),
+        Err(e) => Err(e.into()),
+    }
+}
+
+fn title(case: &Case) -> String {
+    let input = &case.input;
+    let path = input.mask.as_ref().or(input.probability.as_ref()).or(input.surface.as_ref());
+    path.and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+fn segments(lines: &Centerlines) -> Vec<[Point; 2]> {
+    lines.branches.iter().flat_map(|b| b.samples.windows(2).map(|w| [w[0].point, w[1].point])).collect()
+}
+
+fn log(report: &Report) -> String {
+    let mut out = format!("lumenmesh {}\n", report.version);
+    for s in &report.run.stages {
+        out.push_str(&format!("{:<16}{:>10.3} s\n", s.name, s.seconds));
+    }
+    for w in &report.warnings {
+        out.push_str(&format!("warning ({}): {}\n", w.stage, w.message));
+    }
+    for g in &report.gates {
+        out.push_str(&format!("{} {}: {} (limit {})\n", if g.passed { "met   " } else { "missed" }, g.name, g.value, g.limit));
+    }
+    out
+}

@@ -1,0 +1,206 @@
+//! cohort.html and cohort.csv: many cases on one page, worst first.
+
+use std::fmt::Write;
+
+use serde_json::Value;
+
+/// One case of a cohort.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// Name and folder of the case.
+    pub name: String,
+    /// Exit code of its run.
+    pub code: i32,
+    /// Whether the results of an earlier run were kept.
+    pub kept: bool,
+    /// Gates missed, hard ones first; or the error.
+    pub problem: String,
+    /// Figures in the order of [`COLUMNS`]; `None` where the run did not get there.
+    pub figures: Vec<Option<f64>>,
+}
+
+/// Column title and the path of the figure in report.json.
+pub const COLUMNS: [(&str, &[&str]); 9] = [
+    ("triangles", &["surface", "faces"]),
+    ("S max", &["surface", "s_max"]),
+    ("S mean", &["surface", "s_mean"]),
+    ("deviation median (voxel diagonals)", &["fidelity", "to_marching_cubes", "median"]),
+    ("deviation max (voxel diagonals)", &["fidelity", "to_marching_cubes", "max"]),
+    ("volume ratio", &["fidelity", "volume_ratio"]),
+    ("cells", &["volume", "cells"]),
+    ("S_V max", &["volume", "sv_max"]),
+    ("S_V mean", &["volume", "sv_mean"]),
+];
+
+impl Row {
+    /// A case that ended with a report.
+    pub fn from_report(name: &str, report: &Value, kept: bool) -> Row {
+        let figures = COLUMNS
+            .iter()
+            .map(|(_, path)| path.iter().try_fold(report, |at, key| at.get(key)).and_then(Value::as_f64))
+            .collect();
+        let gates = report.get("gates").and_then(Value::as_array).cloned().unwrap_or_default();
+        let missed = |hard: bool| {
+            gates
+                .iter()
+                .filter(move |g| g["passed"] == false && g["hard"] == hard)
+                .filter_map(|g| g["name"].as_str())
+                .map(str::to_string)
+                .collect::<Vec<_>>()
+        };
+        let hard = missed(true);
+        let code = if hard.is_empty() { 0 } else { 6 };
+        let advisory = missed(false);
+        let problem = hard.into_iter().chain(advisory.into_iter().map(|a| format!("({a})"))).collect::<Vec<_>>().join("; ");
+        Row { name: name.into(), code, kept, problem, figures }
+    }
+
+    /// A case that ended with an error.
+    pub fn failed(name: &str, code: i32, problem: String) -> Row {
+        Row { name: name.into(), code, kept: false, problem, figures: vec![None; COLUMNS.len()] }
+    }
+
+    /// The outcome in words.
+    pub fn verdict(&self) -> &'static str {
+        match self.code {
+            0 => "met",
+            2 => "configuration",
+            3 => "input",
+            4 => "geometry",
+            5 => "volume engine",
+            6 => "gate missed",
+            130 => "interrupted",
+            _ => "crash",
+        }
+    }
+
+    /// One line for the terminal.
+    pub fn line(&self) -> String {
+        let kept = if self.kept { " (kept)" } else { "" };
+        match self.code {
+            0 => format!("met{kept}"),
+            _ => format!("{}{kept}: {}", self.verdict(), self.problem.lines().next().unwrap_or_default()),
+        }
+    }
+}
+
+/// Failures first, then missed gates, then by falling S max; equal ones by name.
+pub fn sort_worst_first(rows: &mut [Row]) {
+    let rank = |r: &Row| match r.code {
+        0 => 2,
+        6 => 1,
+        _ => 0,
+    };
+    rows.sort_by(|a, b| {
+        let s = |r: &Row| r.figures.get(1).copied().flatten().unwrap_or(0.0);
+        rank(a).cmp(&rank(b)).then(s(b).total_cmp(&s(a))).then_with(|| a.name.cmp(&b.name))
+    });
+}
+
+/// The cohort as CSV (RFC 4180).
+pub fn csv(rows: &[Row]) -> String {
+    let quote = |s: &str| format!("\"{}\"", s.replace('"', "\"\""));
+    let mut out = String::from("case,verdict,exit_code");
+    for (title, _) in COLUMNS {
+        let _ = write!(out, ",{}", quote(title));
+    }
+    out.push_str(",problem\r\n");
+    for r in rows {
+        let _ = write!(out, "{},{},{}", quote(&r.name), r.verdict(), r.code);
+        for f in &r.figures {
+            let _ = write!(out, ",{}", f.map(|f| f.to_string()).unwrap_or_default());
+        }
+        let _ = write!(out, ",{}\r\n", quote(&r.problem));
+    }
+    out
+}
+
+/// Text made safe for HTML.
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// The cohort as one self-contained page: causes of failure grouped, then every case.
+pub fn html(rows: &[Row]) -> String {
+    let mut out = String::from(concat!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">",
+        "<title>lumenmesh cohort</title><style>:root{color-scheme:light dark;--line:color-mix(in srgb,currentColor 20%,transparent)}",
+        "body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem}table{border-collapse:collapse;width:100%}",
+        "th,td{text-align:right;padding:.35rem .6rem;border-bottom:1px solid var(--line)}th:first-child,td:first-child,td:last-child,th:last-child{text-align:left}",
+        "img{height:72px;display:block}.bad{font-weight:700}.bad::before{content:\"✗ \"}.good::before{content:\"✓ \"}</style>\n",
+    ));
+    let met = rows.iter().filter(|r| r.code == 0).count();
+    let _ = writeln!(out, "<h1>Cohort: {met} of {} cases met all hard gates</h1>", rows.len());
+    let mut causes: Vec<(String, Vec<&str>)> = Vec::new();
+    for r in rows.iter().filter(|r| r.code != 0) {
+        let cause = format!("{}: {}", r.verdict(), cause(&r.problem));
+        match causes.iter_mut().find(|(c, _)| *c == cause) {
+            Some((_, names)) => names.push(&r.name),
+            None => causes.push((cause, vec![&r.name])),
+        }
+    }
+    if !causes.is_empty() {
+        out.push_str("<h2>Failures by cause</h2><ul>\n");
+        for (cause, names) in &causes {
+            let _ = writeln!(out, "<li><b>{}</b> ({}): {}</li>", escape(cause), names.len(), escape(&names.join(", ")));
+        }
+        out.push_str("</ul>\n");
+    }
+    out.push_str("<table><thead><tr><th>case<th>verdict");
+    for (title, _) in COLUMNS {
+        let _ = write!(out, "<th>{title}");
+    }
+    out.push_str("<th>notes</thead>\n");
+    for r in rows {
+        let class = if r.code == 0 { "good" } else { "bad" };
+        let name = escape(&r.name);
+        let _ = write!(out, "<tr><td><a href=\"{name}/report.html\">{name}</a><td class={class}>{}", r.verdict());
+        for f in &r.figures {
+            let text = match f {
+                Some(f) if f.fract() == 0.0 => format!("{f}"),
+                Some(f) => format!("{f:.3}"),
+                None => "–".into(),
+            };
+            let _ = write!(out, "<td>{text}");
+        }
+        let _ = writeln!(out, "<td>{}", escape(&r.problem));
+    }
+    out.push_str("</table></html>\n");
+    out
+}
+
+/// The first sentence of a problem without numbers and names, so that equal causes meet.
+fn cause(problem: &str) -> String {
+    let first = problem.lines().next().unwrap_or_default();
+    let first = first.strip_prefix("error: ").unwrap_or(first);
+    let first = first.rsplit_once(": ").filter(|(head, _)| head.contains('/')).map_or(first, |(_, tail)| tail);
+    first.chars().map(|c| if c.is_ascii_digit() { '#' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_come_first_then_missed_gates_then_the_worst_skewness() {
+        let report = |s: f64, passed: bool| serde_json::json!({"surface": {"s_max": s, "faces": 10}, "gates": [{"name": "g", "hard": true, "passed": passed}]});
+        let mut rows = vec![
+            Row::from_report("good", &report(0.3, true), false),
+            Row::from_report("worse", &report(0.4, true), false),
+            Row::from_report("missed", &report(0.2, false), false),
+            Row::failed("broken", 3, "error: x".into()),
+        ];
+        sort_worst_first(&mut rows);
+        let names: Vec<_> = rows.iter().map(|r| r.name.as_str()).collect();
+        assert_eq!(names, ["broken", "missed", "worse", "good"]);
+        assert_eq!(csv(&rows).lines().count(), 5);
+        assert!(html(&rows).contains("2 of 4 cases"));
+    }
+
+    #[test]
+    fn names_and_messages_cannot_break_the_page() {
+        let rows = [Row::failed("<script>", 3, "a \"quoted\" <b>".into())];
+        assert!(!html(&rows).contains("<script>"));
+        assert!(csv(&rows).contains("\"a \"\"quoted\"\" <b>\""));
+    }
+}
