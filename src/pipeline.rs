@@ -192,7 +192,9 @@ fn read(case: &Case, report: &mut Report) -> Result<Mask, Error> {
     let Some(path) = &case.input.mask else {
         return Err(Error::Configuration("input: only `mask` can be meshed so far: give `input: {mask: FILE}`".into()));
     };
-    let image = io::image::read(path)?.with_unit(options::unit(case.input.units));
+    let image = io::image::read(path)?;
+    // A file that names its own unit is believed.
+    let image = if image.stated_unit.is_none() { image.with_unit(options::unit(case.input.units)) } else { image };
     let mask = mask::select(&image, &options::selection(case))?;
     report.put("input", &results::provenance(path, &image, &mask));
     Ok(mask)
@@ -233,7 +235,7 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
         },
         |(f, _)| format!("deviation median {:.3}, max {:.3} voxel diagonals", f.to_marching_cubes.voxel_diagonals.median, f.to_marching_cubes.voxel_diagonals.max),
     )?;
-    let lost = quality::fidelity::lost(&outcome.centerlines, &surface, &cuts);
+    let lost = quality::fidelity::lost(&results::inside_picture(&outcome.centerlines, &outcome.mask), &surface, &cuts);
     outcome.report.put("fidelity", &fidelity.0);
     outcome.report.put_in("fidelity", "topology", &serde_json::json!({"mask": topology, "surface": combinatorial}));
     outcome.report.put_in("fidelity", "lost", &lost.parts);

@@ -84,6 +84,19 @@ pub(super) fn joined_centerlines(parts: &[Part]) -> Centerlines {
     all
 }
 
+/// The centerlines without their run through the padding beyond the picture.
+pub(super) fn inside_picture(lines: &Centerlines, picture: &Mask) -> Centerlines {
+    let inside = |p: &Point| {
+        let i = picture.grid.to_index(p);
+        (0..3).all(|a| i[a] >= -0.5 && i[a] <= picture.grid.dims[a] as f64 - 0.5)
+    };
+    let mut kept = lines.clone();
+    for b in &mut kept.branches {
+        b.samples.retain(|s| inside(&s.point));
+    }
+    kept
+}
+
 /// Boundary triangles of the volume mesh that the surface lacks, and the other way round.
 pub(super) fn boundary_faces_unlike(surface: &TriMesh, volume: &VolumeMesh) -> usize {
     let key = |ids: &[u32], patch: u32| {

@@ -127,12 +127,15 @@ pub struct LostPart {
     pub reason: LostReason,
 }
 
+/// A detected opening may lie this many radii before the tip of its vessel without anything counting as lost.
+const END_ALLOWANCE: f64 = 2.5;
+
 /// What of the vessel is missing.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct LostLength {
     /// Missing pieces, longest first.
     pub parts: Vec<LostPart>,
-    /// Missing length, planes given by the user aside, mm.
+    /// Missing length, mm: planes given by the user and the last 2.5 radii before a detected end aside.
     pub length: f64,
     /// Length of all centerlines less what the user cut off, mm.
     pub total: f64,
@@ -198,10 +201,11 @@ pub fn lost(centerlines: &Centerlines, surface: &TriMesh, cuts: &[Cut]) -> LostL
             Some(c) => LostReason::CutAtOpening(c.name.clone()),
             None => LostReason::NotInSurface,
         };
-        if matches!(reason, LostReason::CutByUser(_)) {
-            out.total -= sum;
-        } else {
-            out.length += sum;
+        match (&reason, cut) {
+            (LostReason::CutByUser(_), _) => out.total -= sum,
+            // The tip beyond a detected opening is the end itself; only what exceeds its allowance was a vessel.
+            (LostReason::CutAtOpening(_), Some(c)) => out.length += (sum - END_ALLOWANCE * c.radius).max(0.0),
+            _ => out.length += sum,
         }
         out.parts.push(LostPart { center: sample(group[group.len() / 2]).point, length: sum, reason });
     }
