@@ -235,7 +235,7 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
         },
         |(f, _)| format!("deviation median {:.3}, max {:.3} voxel diagonals", f.to_marching_cubes.voxel_diagonals.median, f.to_marching_cubes.voxel_diagonals.max),
     )?;
-    let lost = quality::fidelity::lost(&results::inside_picture(&outcome.centerlines, &outcome.mask), &surface, &cuts);
+    let lost = quality::fidelity::lost(&results::inside_picture(&outcome.centerlines, &outcome.mask), &surface, &cuts, voxel_diagonal);
     outcome.report.put("fidelity", &fidelity.0);
     outcome.report.put_in("fidelity", "topology", &serde_json::json!({"mask": topology, "surface": combinatorial}));
     outcome.report.put_in("fidelity", "lost", &lost.parts);
@@ -275,12 +275,21 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
 fn part(case: &Case, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Part, Error> {
     let context = clock.context;
     let mask = mask::crop_pad(&component, 4, PAD);
-    let implicit = clock.run("reconstruct", || reconstruct(case, &mask, report), |_| String::new())?;
-    let (polygons, summary) = clock.run(
-        "polygonize",
-        || polygonize::polygonize(implicit.as_ref(), &mask, &options::polygonizer(case)),
-        |(m, _)| format!("{} triangles", m.triangles.len()),
-    )?;
+    let wanted = mask::topology(&mask);
+    let polygons = |f: &dyn Implicit| polygonize::polygonize(f, &mask, &options::polygonizer(case));
+    let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
+    let mut implicit = clock.run("reconstruct", || reconstruct(case, &mask, report), |_| String::new())?;
+    let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
+    let topology = mesh::topology::check(&surface);
+    if options::method(case) == Method::Smooth && (topology.euler, topology.components) != (2 * wanted.euler, wanted.components) {
+        // The guard costs smoothness where it acts; it is taken where the fit alone has another topology than the mask.
+        context.progress.explain("the fit has another topology than the mask: it is guarded by the mask's boundary");
+        let boundary = MaskBoundary::new(&mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
+        implicit = Box::new(Guarded::new(implicit, boundary));
+        (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
+        report.put_in("reconstruction", "guarded", &true);
+    }
+    let polygons = surface;
     report.put_in("reconstruction", "polygonizer", &summary);
     let offset = summary.level;
     let implicit: Box<dyn Implicit> = if offset == 0.0 { implicit } else { Box::new(implicit::offset::Offset::new(implicit, offset)) };
@@ -328,18 +337,18 @@ const PAD: usize = 4;
 
 fn reconstruct(case: &Case, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
     report.put_in("reconstruction", "profile", &case.reconstruction.profile);
-    let boundary = MaskBoundary::new(mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
     match options::method(case) {
         Method::Smooth => {
             let (f, summary) = implicit::smooth::fit(mask, &Default::default())?;
             report.put_in("reconstruction", "smooth", &summary);
-            Ok(Box::new(Guarded::new(f, boundary)))
+            Ok(Box::new(f))
         }
         Method::Mpu => {
             let points = match case.reconstruction.profile {
                 Profile::Paper => pointcloud::PointCloudOptions::paper(),
                 Profile::Cfd => pointcloud::PointCloudOptions::cfd(),
             };
+            let boundary = MaskBoundary::new(mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
             let (points, cloud) = pointcloud::extract(mask, &points)?;
             let (f, summary) = implicit::mpu::fit(&points, &implicit::mpu::MpuOptions::estimate(&mask.grid, &points))?;
             report.put_in("reconstruction", "point_cloud", &cloud);

@@ -18,7 +18,6 @@ pub struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   lumenmesh mesh aneurysm.nrrd -o out             all defaults, no case file
-  lumenmesh init aneurysm.nrrd > case.yaml        a commented case file with the ends found
   lumenmesh run case.yaml -o out --set \"surface.edge_length=0.3 mm\"
   lumenmesh check out/volume/lumen.vtu            quality of any mesh
 
@@ -32,6 +31,8 @@ pub enum Command {
     Run(RunArgs),
     /// Mesh a mask or surface with all defaults, without a case file.
     Mesh(MeshArgs),
+    /// Report the quality of any STL, VTP, PLY, VTU, OpenFOAM case or .msh.
+    Check(CheckArgs),
     /// Write a built-in case with exact truth: mask.nrrd, truth.json, case.yaml.
     Phantom(PhantomArgs),
     /// Run many cases, one folder each, worst first in cohort.html.
@@ -163,13 +164,6 @@ pub struct BatchArgs {
     /// Change a key in every case.
     #[arg(long = "set", value_name = "KEY.PATH=VALUE")]
     pub set: Vec<String>,
-}
-
-/// Arguments of `init`.
-#[derive(Debug, Clone, Args)]
-pub struct InitArgs {
-    /// Mask file.
-    pub mask: PathBuf,
 }
 
 /// Arguments of `validate`.

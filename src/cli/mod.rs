@@ -2,6 +2,7 @@
 
 mod args;
 mod batch;
+mod check;
 mod console;
 mod exit;
 mod output;
@@ -46,6 +47,7 @@ pub fn run(cli: &Cli) -> Result<u8, Failure> {
     match &cli.command {
         Command::Run(a) => run::run(a),
         Command::Mesh(a) => run::mesh(a),
+        Command::Check(a) => check::run(a),
         Command::Phantom(a) => phantom::run(a),
         Command::Batch(a) => batch::run(a),
         Command::Validate(a) => text::validate(a),

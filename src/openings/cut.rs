@@ -98,13 +98,27 @@ pub fn cut(
     if openings.is_empty() {
         return Ok((work, Vec::new(), summary));
     }
-    let region = near_rims(&work, options.rings);
-    let local = isotropic::IsotropicOptions { region: Some(region), ..isotropic::IsotropicOptions::default() };
-    let (work, remeshed) = isotropic::remesh(&work, &supports, size, &local).map_err(remesh_error)?;
-    let repair = angle_repair::RepairOptions { region: Some(near_rims(&work, options.rings)), ..options.repair.clone() };
-    let (mut work, repaired) = angle_repair::repair(&work, &supports, size, &repair).map_err(remesh_error)?;
-    summary.remesh = remeshed;
-    summary.repair = repaired;
+    // A rim that does not come out well gets more room.
+    let mut best: Option<(TriMesh, isotropic::Summary, angle_repair::Summary)> = None;
+    for more in [0, 2, 4] {
+        let rings = options.rings + more;
+        let local = isotropic::IsotropicOptions { region: Some(near_rims(&work, rings)), ..isotropic::IsotropicOptions::default() };
+        let (mesh, remeshed) = isotropic::remesh(&work, &supports, size, &local).map_err(remesh_error)?;
+        let repair = angle_repair::RepairOptions { region: Some(near_rims(&mesh, rings)), ..options.repair.clone() };
+        let (mesh, repaired) = angle_repair::repair(&mesh, &supports, size, &repair).map_err(remesh_error)?;
+        let good = repaired.above_target == 0;
+        if best.as_ref().is_none_or(|b| repaired.s_max < b.2.s_max) {
+            best = Some((mesh, remeshed, repaired));
+        }
+        if good {
+            break;
+        }
+    }
+    if let Some((mesh, remeshed, repaired)) = best {
+        work = mesh;
+        summary.remesh = remeshed;
+        summary.repair = repaired;
+    }
     for o in openings {
         let on_cap: Vec<u32> = cap_vertices(&work, o.id);
         for v in on_cap {

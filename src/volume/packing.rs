@@ -116,6 +116,46 @@ impl Levels {
     }
 }
 
+/// For each edge between two patches: a point just inside its middle and one well inside, and the edge's length.
+fn rim_points(surface: &TriMesh) -> Vec<((Point, Point), f64)> {
+    let mut edges: Vec<([u32; 2], u32)> = Vec::new();
+    let caps: Vec<bool> = {
+        // Only triangles at a vertex of another patch than the first can have a rim edge.
+        let mut seen = vec![u32::MAX; surface.points.len()];
+        let mut rim = vec![false; surface.points.len()];
+        for (t, &patch) in surface.triangles.iter().zip(&surface.patch) {
+            for &v in t {
+                let v = v as usize;
+                if seen[v] != u32::MAX && seen[v] != patch {
+                    rim[v] = true;
+                }
+                seen[v] = patch;
+            }
+        }
+        rim
+    };
+    for (n, t) in surface.triangles.iter().enumerate() {
+        for i in 0..3 {
+            let (a, b) = (t[i], t[(i + 1) % 3]);
+            if caps[a as usize] && caps[b as usize] {
+                edges.push(([a.min(b), a.max(b)], n as u32));
+            }
+        }
+    }
+    edges.sort_unstable();
+    let pairs = edges.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() == 2);
+    let between = pairs.filter(|g| surface.patch[g[0].1 as usize] != surface.patch[g[1].1 as usize]);
+    between
+        .filter_map(|g| {
+            let normal = |t: u32| surface.area_vector2(t as usize).try_normalize(0.0);
+            let inwards = -(normal(g[0].1)? + normal(g[1].1)?).try_normalize(0.1)?;
+            let [a, b] = g[0].0.map(|v| surface.points[v as usize]);
+            let (middle, h) = (nalgebra::center(&a, &b), (a - b).norm());
+            Some(((middle + inwards * (0.05 * h), middle + inwards * (0.7 * h)), h))
+        })
+        .collect()
+}
+
 /// Points inside `surface` spaced as `sizing` wishes, away from the wall, in a fixed order. Stops early (with what
 /// there is) when `stop` says so.
 pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> Vec<Point> {
@@ -134,6 +174,16 @@ pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> 
             let mut v = Vector::zeros();
             v[a] = s;
             directions.push(v);
+        }
+    }
+    // First a point inwards of every rim edge, on the bisector: else the triangles on its two sides end up in one
+    // tetrahedron, which OpenFOAM's determinant does not forgive.
+    for (p, h) in rim_points(surface) {
+        let start = p.0;
+        if sizing.bvh().ray(&start, &(p.1 - start), 1.0).is_none() && !levels.near(&p.1, 0.6 * h, &points) {
+            levels.insert(&p.1, h, points.len() as u32);
+            points.push(p.1);
+            queue.push_back((p.1, h, 0.4 * h));
         }
     }
     let mut offer = |p: Point, guess: f64, queue: &mut VecDeque<(Point, f64, f64)>| {

@@ -97,7 +97,8 @@ fn a_thin_tube_gets_general_quadrics_and_is_negative_on_its_axis() {
             let t = std::f64::consts::TAU * f64::from(a) / 12.0;
             let (v, g) = f.value_gradient(&Point::new(0.9 * t.cos(), 0.9 * t.sin(), z));
             let v = v / g.norm();
-            assert!(v.abs() < 0.2, "{v} at {z}");
+            // The tolerance of 0.2 is Taubin's first-order distance at the points; between them it is a third more.
+            assert!(v.abs() < 0.3, "{v} at {z}");
         }
     }
 }

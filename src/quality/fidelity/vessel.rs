@@ -146,8 +146,9 @@ pub struct LostLength {
 /// The pieces of centerline that lie outside a closed surface.
 ///
 /// A piece that starts beyond a cut's disc, within two radii and two samples of it, counts as cut there with all that
-/// hangs on it. Each sample stands for half of the way to its neighbours.
-pub fn lost(centerlines: &Centerlines, surface: &TriMesh, cuts: &[Cut]) -> LostLength {
+/// hangs on it. Each sample stands for half of the way to its neighbours. Samples within `tolerance` (mm) of the
+/// surface count as inside: the centerline's tips lie on the mask's outermost voxels.
+pub fn lost(centerlines: &Centerlines, surface: &TriMesh, cuts: &[Cut], tolerance: f64) -> LostLength {
     let tree = TriangleBvh::new(surface);
     let samples: Vec<(usize, usize)> = centerlines
         .branches
@@ -156,7 +157,8 @@ pub fn lost(centerlines: &Centerlines, surface: &TriMesh, cuts: &[Cut]) -> LostL
         .flat_map(|(b, branch)| (0..branch.samples.len()).map(move |s| (b, s)))
         .collect();
     let sample = |i: usize| &centerlines.branches[samples[i].0].samples[samples[i].1];
-    let missing: Vec<bool> = (0..samples.len()).into_par_iter().map(|i| !tree.contains(&sample(i).point)).collect();
+    let gone = |p: &Point| !tree.contains(p) && tree.closest_within(p, tolerance).is_none();
+    let missing: Vec<bool> = (0..samples.len()).into_par_iter().map(|i| gone(&sample(i).point)).collect();
     let mut length = vec![0.0; samples.len()];
     let mut parent: Vec<usize> = (0..samples.len()).collect();
     let mut at_node: Vec<Option<usize>> = vec![None; centerlines.nodes.len()];
@@ -251,7 +253,7 @@ mod tests {
     #[test]
     fn what_a_ball_does_not_hold_is_lost_at_both_ends() {
         let ball = sphere(Point::origin(), 5.25, 16);
-        let l = lost(&line(), &ball, &[]);
+        let l = lost(&line(), &ball, &[], 0.0);
         assert_eq!(l.parts.len(), 2);
         // Ten samples at 0.5 mm from 5.5 to 10; the last stands for half a step.
         assert!((l.length - 2.0 * (9.0 * 0.5 + 0.25)).abs() < 1e-9, "{}", l.length);
@@ -264,13 +266,14 @@ mod tests {
         let ball = sphere(Point::origin(), 5.25, 16);
         let cut = |user, name: &str, x: f64| Cut {
             plane: Plane::new(Point::new(x * 5.0, 0.0, 0.0), Vector::x() * x).unwrap(),
-            radius: 2.0,
+            radius: 1.0,
             name: name.into(),
             user,
         };
-        let l = lost(&line(), &ball, &[cut(true, "inlet", -1.0), cut(false, "outlet_1", 1.0)]);
-        assert!((l.length - 4.75).abs() < 1e-9 && (l.total - 15.25).abs() < 1e-9);
-        assert!((l.fraction - 4.75 / 15.25).abs() < 1e-12);
+        // Of the 4.75 mm beyond the detected opening, 2.5 radii are its own.
+        let l = lost(&line(), &ball, &[cut(true, "inlet", -1.0), cut(false, "outlet_1", 1.0)], 0.0);
+        assert!((l.length - 2.25).abs() < 1e-9 && (l.total - 15.25).abs() < 1e-9);
+        assert!((l.fraction - 2.25 / 15.25).abs() < 1e-12);
         let mut reasons: Vec<_> = l.parts.iter().map(|p| (p.center.x > 0.0, p.reason.clone())).collect();
         reasons.sort_by_key(|r| r.0);
         assert_eq!(reasons[0].1, LostReason::CutByUser("inlet".into()));
