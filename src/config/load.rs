@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::case::{Case, Labels};
+use super::length::{AutoLength, Unit};
 
 /// Why a case file cannot be used.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -153,6 +154,16 @@ fn check(case: &Case, name: &str) -> Result<(), ConfigError> {
     }
     if i.threshold.is_some() && i.label != Labels::NonZero {
         return fail("input", "has both label and threshold: give only one".into());
+    }
+    // Keys of the contract that this version does not act on are refused, not ignored.
+    if case.extensions.length.value > 0.0 {
+        return fail("extensions.length", "flow extensions are not available in this version: set it to `0 D`".into());
+    }
+    if case.volume.series > 1 {
+        return fail("volume.series", "series are not available in this version: run the case with several values of surface.scale".into());
+    }
+    if matches!(case.volume.edge_length, AutoLength::Given(l) if l.unit != Unit::Radius) {
+        return fail("volume.edge_length", "give a part of the local radius, such as `0.3 R`, or volume.target_cells".into());
     }
     let range = |key: &str, v: f64, lo: f64, hi: f64| {
         if v.is_finite() && (lo..=hi).contains(&v) {
