@@ -104,8 +104,11 @@ pub(super) fn boundary_faces_unlike(surface: &TriMesh, volume: &VolumeMesh) -> u
         k.sort_unstable();
         (k, patch)
     };
-    let mut wanted: Vec<_> = surface.triangles.iter().zip(&surface.patch).map(|(t, p)| key(t, *p)).collect();
-    let mut found: Vec<_> = volume.boundary.iter().map(|f| key(f.ids(), f.patch)).collect();
+    // With prism layers the caps are quadrilaterals beside the layers: only the wall keeps its triangles.
+    let compared = |patch: u32| volume.prisms.is_empty() || patch == crate::mesh::WALL;
+    let triangles = surface.triangles.iter().zip(&surface.patch).filter(|(_, p)| compared(**p));
+    let mut wanted: Vec<_> = triangles.map(|(t, p)| key(t, *p)).collect();
+    let mut found: Vec<_> = volume.boundary.iter().filter(|f| compared(f.patch)).map(|f| key(f.ids(), f.patch)).collect();
     wanted.sort();
     found.sort();
     let (mut i, mut j, mut unlike) = (0, 0, 0);
