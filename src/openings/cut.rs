@@ -200,19 +200,6 @@ fn open(
     }
     edges.sort_unstable();
     edges.dedup();
-    // Every crossed edge is seen from both of its triangles, once in each direction.
-    let mut both = Vec::new();
-    for t in &work.triangles {
-        for i in 0..3 {
-            let (a, b) = (t[i], t[(i + 1) % 3]);
-            if side[a as usize] == Side::Beyond && side[b as usize] == Side::Kept {
-                both.push([b, a]);
-            }
-        }
-    }
-    edges.extend(both);
-    edges.sort_unstable();
-    edges.dedup();
     let first_new = work.points.len() as u32;
     for &[a, b] in &edges {
         let (p, q) = (work.points[a as usize], work.points[b as usize]);
@@ -383,11 +370,10 @@ fn sides(mesh: &TriMesh, distance: &[f64], o: &Opening, reach: f64) -> Result<Ve
         .enumerate()
         .map(|(i, e)| ((at(e) - o.plane.origin).norm(), i))
         .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let Some((gap, first)) = nearest.filter(|n| n.0 <= reach) else {
+    let Some((_, first)) = nearest.filter(|n| n.0 <= reach) else {
         let (_, p) = closest_vertex(mesh, &o.plane.origin);
         return Err(Error::Misses { name: o.name.clone(), at: o.plane.origin, nearest: p });
     };
-    let _ = gap;
     let chosen = find(&mut root, first);
     let in_loop: Vec<bool> = (0..elements.len()).map(|i| find(&mut root, i) == chosen).collect();
     let is_in_loop = |e: &[u32; 2]| elements.binary_search(e).is_ok_and(|i| in_loop[i]);
@@ -401,8 +387,7 @@ fn sides(mesh: &TriMesh, distance: &[f64], o: &Opening, reach: f64) -> Result<Ve
     }
     let mut side = vec![Side::Kept; mesh.points.len()];
     let mut stack = Vec::new();
-    for (i, e) in elements.iter().enumerate().filter(|(i, _)| in_loop[*i]) {
-        let _ = i;
+    for (_, e) in elements.iter().enumerate().filter(|(i, _)| in_loop[*i]) {
         if e[0] == e[1] {
             side[e[0] as usize] = Side::Rim;
         }
