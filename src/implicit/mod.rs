@@ -1,12 +1,9 @@
 //! Implicit vessel surfaces: negative inside, zero on the wall, positive outside.
 
-mod band;
 pub mod guard;
 pub mod mpu;
 pub mod offset;
 pub mod smooth;
-mod solve;
-mod spline;
 pub mod probability;
 
 use nalgebra::Matrix3;

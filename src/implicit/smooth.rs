@@ -8,23 +8,35 @@
 //! over the voxels at the wall: s is the voxel's sign, Φ the normal distribution function, n the direction of
 //! ∇u. Third derivatives vanish on quadrics, so tubes and bulges do not shrink as under a membrane or
 //! thin-plate energy; σ well below a voxel lets every centre that the wall nearly touches place it to a
-//! fraction of a voxel; the last term makes u a distance. u is a uniform cubic B-spline on the voxel grid (long
-//! axes of anisotropic voxels are subdivided), hence C² with exact first and second derivatives. The problem
-//! is solved by Newton's method with conjugate gradients on a band of three voxels either side of the wall.
+//! fraction of a voxel; the last term makes u a distance. u is a uniform cubic B-spline, hence C² with exact first
+//! and second derivatives, on a band round the wall. The problem is solved by Newton's method with conjugate
+//! gradients.
 //!
-//! Where the estimate contradicts a label (vessels of one or two voxels), the label is given a margin and the
-//! estimate repeated, so that nothing vanishes and neighbours do not merge.
+//! Three levels: a node every four voxels (of the shortest side) for a start, then every two, which is fine enough
+//! wherever the wall's radius is several voxels and leaves a well-conditioned problem of a quarter of the size. Where
+//! that contradicts labels, the spline is subdivided (exactly) to a node a voxel and the estimate repeated there alone.
+//! Labels that are contradicted still, and without which the digitised fit would have another topology or lose a thin
+//! part, are given a margin, so that nothing vanishes and neighbours do not merge.
+
+mod band;
+mod critical;
+mod labels;
+mod solve;
+mod spline;
+
+use std::collections::BTreeMap;
 
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::Implicit;
-use super::band::Band;
-use super::solve::{self, Effort, Weights};
-use super::spline::{NODES, TILE, TILE_LEN, Tile, TiledSpline};
 use crate::geometry::{Aabb, Point, Vector};
 use crate::mask::{Grid, Mask};
+use band::{Band, Nodes};
+use labels::{Labels, Near};
+use solve::{Effort, Problem, Weights};
+use spline::{NODES, TILE, TILE_LEN, Tile, TiledSpline};
 
 /// How to weigh smoothness against the labels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -37,30 +49,34 @@ pub struct SmoothOptions {
     pub gauge: f64,
     /// Newton steps at most.
     pub steps: usize,
-    /// Products with the system's matrix in one step at most; half as many more where voxels are anisotropic.
+    /// Products with the system's matrix in one step at most.
     pub products: usize,
+    /// Labels contradicted by more than this, in smallest voxel spacings, call for the finest level.
+    pub refine_beyond: f64,
     /// Rounds of giving contradicted labels a margin at most.
     pub repairs: usize,
 }
 
 impl Default for SmoothOptions {
     fn default() -> Self {
-        SmoothOptions { smoothness: 1.0, sigma: 0.1, gauge: 1.0, steps: 8, products: 40, repairs: 4 }
+        SmoothOptions { smoothness: 1.0, sigma: 0.1, gauge: 1.0, steps: 4, products: 12, refine_beyond: 0.1, repairs: 8 }
     }
 }
 
 /// What the fit did.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SmoothSummary {
-    /// Spline coefficients solved for.
+    /// Spline coefficients of the level with a node every two voxels.
     pub unknowns: usize,
+    /// Coefficients of the finest level that were solved for.
+    pub refined: usize,
     /// Voxels whose label was used.
     pub labels: usize,
-    /// Products with the system's matrix.
-    pub products: usize,
+    /// Products with the system's matrix: of the first two levels, of the finest.
+    pub products: [usize; 2],
     /// Labels that were given a margin.
     pub repaired: usize,
-    /// Labels the function still contradicts.
+    /// Of these, labels the function still contradicts.
     pub contradicted: usize,
     /// Where it does, at most ten places, mm.
     pub contradictions: Vec<[f64; 3]>,
@@ -83,15 +99,20 @@ pub enum SmoothError {
     /// Spacing so uneven that the refined grid does not fit.
     #[error("the voxels are {0:.0} times longer than wide; resample the mask to at most 20")]
     Anisotropy(f64),
+    /// Voxel indices beyond 16 bits.
+    #[error("the mask is {0} voxels long; crop it to at most 32000 along each axis")]
+    TooLong(usize),
 }
 
-/// A cubic spline round the wall; a constant of the right sign, three smallest voxel spacings large, elsewhere.
+/// A cubic spline round the wall; a constant of the right sign, some voxels large, elsewhere.
 ///
-/// C² within about a voxel and a half of the wall; continuous, save between tiles of the far field.
+/// C² within about a voxel of the wall; continuous, save between tiles of the far field.
 #[derive(Debug, Clone)]
 pub struct SmoothImplicit {
-    spline: TiledSpline,
+    coarse: TiledSpline,
+    fine: TiledSpline,
     grid: Grid,
+    /// Nodes of the coarse level a voxel.
     refine: Vector,
     low: Vector,
     unit: f64,
@@ -99,19 +120,24 @@ pub struct SmoothImplicit {
 }
 
 impl SmoothImplicit {
-    fn node(&self, p: &Point) -> Vector {
-        self.grid.to_index(p).component_mul(&self.refine) - self.low
+    /// The spline that holds at `p`, the place in its nodes, and its nodes a voxel.
+    fn at(&self, p: &Point) -> (&TiledSpline, Vector, f64) {
+        let x = self.grid.to_index(p).component_mul(&self.refine) - self.low;
+        let fine = 2.0 * x;
+        if self.fine.holds(&fine) { (&self.fine, fine, 2.0) } else { (&self.coarse, x, 1.0) }
     }
 }
 
 impl Implicit for SmoothImplicit {
     fn value(&self, p: &Point) -> f64 {
-        self.unit * self.spline.value(&self.node(p))
+        let (spline, x, _) = self.at(p);
+        self.unit * spline.value(&x)
     }
 
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
-        let (v, g) = self.spline.value_gradient(&self.node(p));
-        (self.unit * v, self.grid.gradient_to_world(&g.component_mul(&self.refine)) * self.unit)
+        let (spline, x, level) = self.at(p);
+        let (v, g) = spline.value_gradient(&x);
+        (self.unit * v, self.grid.gradient_to_world(&g.component_mul(&self.refine)) * (self.unit * level))
     }
 
     fn bounds(&self) -> Aabb {
@@ -123,9 +149,9 @@ impl Implicit for SmoothImplicit {
     }
 
     fn hessian(&self, p: &Point) -> Matrix3<f64> {
-        let h = self.spline.hessian(&self.node(p));
-        let s = Matrix3::from_diagonal(&self.refine);
-        let m = s * h * s;
+        let (spline, x, level) = self.at(p);
+        let s = Matrix3::from_diagonal(&(self.refine * level));
+        let m = s * spline.hessian(&x) * s;
         let columns = [0, 1, 2].map(|a| self.grid.gradient_to_world(&m.column(a).into_owned()));
         let half = Matrix3::from_columns(&columns).transpose();
         let columns = [0, 1, 2].map(|a| self.grid.gradient_to_world(&half.column(a).into_owned()));
@@ -135,8 +161,9 @@ impl Implicit for SmoothImplicit {
 
 /// Fits a smooth function to the labels of `mask`; beyond the mask lies background.
 ///
-/// The value has the sign of the label at every voxel centre, save those counted in
-/// [`SmoothSummary::contradicted`]. Near the wall it is close to the signed distance in mm.
+/// The value has the sign of the label at the voxel centres, save some whose flip changes neither the topology nor a
+/// thin part, and those counted in [`SmoothSummary::contradicted`]. Near the wall it is close to the signed distance
+/// in mm.
 ///
 /// # Errors
 /// [`SmoothError`]: no lumen voxel, or options out of range.
@@ -146,6 +173,9 @@ pub fn fit(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, Smoo
             return Err(SmoothError::Option { name, value });
         }
     }
+    if let Some(&n) = mask.grid.dims.iter().find(|&&n| n > 32_000) {
+        return Err(SmoothError::TooLong(n));
+    }
     let spacing = mask.grid.spacing();
     let least = spacing[0].min(spacing[1]).min(spacing[2]);
     let refine = spacing.map(|s| (s / least).round() as i32);
@@ -153,8 +183,8 @@ pub fn fit(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, Smoo
         return Err(SmoothError::Anisotropy(m as f64));
     }
     let unit = (0..3).map(|a| spacing[a] / refine[a] as f64).fold(f64::INFINITY, f64::min);
-    let band = Band::of(mask, refine);
-    if band.len() == 0 {
+    let near = labels::boundary(mask);
+    if near.is_empty() {
         return Err(SmoothError::Empty);
     }
     let weights = Weights {
@@ -163,106 +193,256 @@ pub fn fit(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, Smoo
         gauge: options.gauge as f32,
         scale: std::array::from_fn(|a| (unit * refine[a] as f64 / spacing[a]) as f32),
     };
-    let mut c = start(&band, &weights);
-    let mut margin = vec![0.0f32; band.len()];
-    // Between the planes of long voxels only smoothness acts, which conjugate gradients find late.
-    let inner = if refine == [1; 3] { options.products } else { options.products + options.products / 2 };
-    let effort = Effort { steps: options.steps, sigma: 0.4, products: inner, tolerance: 0.1 };
-    let mut products = solve::newton(&band, &mut c, &weights, &margin, effort);
-    // Contradicted labels: a growing margin each round.
-    let wrong = |c: &[f32], least: f32| -> Vec<usize> {
-        let now = solve::sample(&band, c, &weights);
-        (0..band.len()).filter(|&i| band.sign[i] as f32 * now.value[i] < least * band.sign[i].abs() as f32).collect()
+    let effort = Effort { steps: options.steps, sigma: 0.4, products: options.products, tolerance: 0.1, change: 0.03 };
+
+    let mut products = 0;
+    let mut coarse = Level::new(mask, Nodes::of(mask, refine, 4), &near, false, weights.scale);
+    let problem = Problem { band: &coarse.band, labels: &coarse.labels, weights, frozen: &[] };
+    let (mut c, started) = problem.start(spacing.map(|s| (s / unit) as f32), effort);
+    products += started + problem.newton(&mut c, &[], effort);
+    let level = Level::new(mask, Nodes::of(mask, refine, 2), &near, true, weights.scale);
+    c = subdivide(&coarse.band, &c, &level.band);
+    coarse = level;
+    let problem = Problem { band: &coarse.band, labels: &coarse.labels, weights, frozen: &[] };
+    products += problem.newton(&mut c, &[], Effort { sigma: options.sigma, ..effort });
+    let values = coarse.labels.sample(&c);
+    let mut hard = coarse.below(&values, -options.refine_beyond as f32);
+    let mut summary = SmoothSummary {
+        unknowns: coarse.band.len(),
+        refined: 0,
+        labels: coarse.labels.labels.len(),
+        products: [products, 0],
+        repaired: 0,
+        contradicted: 0,
+        contradictions: Vec::new(),
     };
-    let mut left = wrong(&c, 0.02);
-    for _ in 0..options.repairs {
-        if left.is_empty() {
-            break;
-        }
-        for &i in &left {
-            margin[i] += 0.15;
-        }
-        let effort = Effort { steps: 2, sigma: options.sigma, products: inner / 2, tolerance: 0.1 };
-        products += solve::newton(&band, &mut c, &weights, &margin, effort);
-        left = wrong(&c, 0.02);
-    }
-    let left = wrong(&c, 0.0);
-    let summary = SmoothSummary {
-        unknowns: band.len(),
-        labels: band.sign.iter().filter(|&&s| s != 0).count(),
-        products,
-        repaired: margin.iter().filter(|&&m| m > 0.0).count(),
-        contradicted: left.len(),
-        contradictions: left.iter().take(10).map(|&i| mask.grid.to_world(band.voxel(i)).into()).collect(),
-    };
-    let spline = tile(&band, mask, &c);
+    hard.extend(coarse.must_keep(mask, &c));
+    hard.sort_unstable();
+    hard.dedup();
+    let base = Coarse { mask, level: coarse, c, near: &near, weights, effort: Effort { sigma: options.sigma, ..effort } };
+    let fine = if hard.is_empty() { TiledSpline::nowhere() } else { base.refine(&hard, options.repairs, &mut summary) };
+    let Coarse { level: coarse, c, .. } = base;
+    let nodes = coarse.band.nodes;
+    let table = tile(mask, &coarse.band, &c, None, |_| true);
     let g = &mask.grid;
     let corners = (0..8).map(|n| {
         let pick = |a: usize| if n >> a & 1 == 0 { -1.5 } else { g.dims[a] as f64 + 0.5 };
         g.to_world(Vector::new(pick(0), pick(1), pick(2)))
     });
     let bounds = Aabb::of(&corners.collect::<Vec<_>>());
-    let v = |a: [i32; 3]| Vector::new(a[0] as f64, a[1] as f64, a[2] as f64);
-    let f = SmoothImplicit { spline, grid: g.clone(), refine: v(refine), low: v(band.low), unit, bounds };
+    let f = SmoothImplicit {
+        coarse: table,
+        fine,
+        grid: g.clone(),
+        refine: Vector::from_fn(|a, _| f64::from(refine[a]) / 2.0),
+        low: Vector::from_fn(|a, _| f64::from(nodes.low[a])),
+        unit,
+        bounds,
+    };
     Ok((f, summary))
 }
 
-/// First guess: city-block distance to the other label, smoothed and brought to unit slope.
-fn start(band: &Band, w: &Weights) -> Vec<f32> {
-    let opposite: Vec<f32> = band.side.iter().map(|&s| s as f32).collect();
-    // Distances in nodes: 0.5 next to the other label.
-    let mut d = neighbours(band, &opposite, |here, near| {
-        if near.iter().flatten().any(|n| n * here < 0.0) { 0.5 } else { 4.5 }
-    });
-    for _ in 0..3 {
-        d = neighbours(band, &d, |here, near| near.iter().flatten().fold(here, |m, n| m.min(n + 1.0)));
-    }
-    let mut c: Vec<f32> = d.iter().zip(&band.side).map(|(d, &s)| d * s as f32).collect();
-    let most = band.refine.iter().max().copied().unwrap_or(1);
-    for _ in 0..(2 * most * most).clamp(3, 24) {
-        c = neighbours(band, &c, |here, near| {
-            let count = near.iter().flatten().count() as f32;
-            (here + 0.5 * near.iter().flatten().sum::<f32>()) / (1.0 + 0.5 * count)
-        });
-    }
-    let now = solve::sample(band, &c, w);
-    for i in 0..c.len() {
-        let slope = now.gradient[i].iter().map(|v| v * v).sum::<f32>().sqrt();
-        c[i] /= if band.sign[i] != 0 { slope.clamp(0.7, 1.8) } else { 1.3 };
-    }
-    c
+/// A band and its labels.
+struct Level {
+    band: Band,
+    labels: Labels,
 }
 
-/// One Jacobi pass of `f(value here, values of the six neighbours)`.
-fn neighbours(band: &Band, c: &[f32], f: impl Fn(f32, &[Option<f32>; 6]) -> f32 + Sync) -> Vec<f32> {
-    let parts: Vec<Vec<f32>> = band
-        .runs
-        .par_iter()
-        .map(|r| {
-            let (n, at) = (r.len as usize, r.start as usize);
-            let mut near = vec![[None; 6]; n];
-            for i in 0..n {
-                near[i][0] = (i > 0).then(|| c[at + i - 1]);
-                near[i][1] = (i + 1 < n).then(|| c[at + i + 1]);
+impl Level {
+    fn new(mask: &Mask, nodes: Nodes, near: &[Near], second: bool, scale: [f32; 3]) -> Level {
+        let band = Band::of(nodes, near);
+        let labels = Labels::of(mask, &band, near, second, scale);
+        Level { band, labels }
+    }
+
+    /// Labels whose value lies less than `least` on their side of zero.
+    fn below(&self, values: &[[f32; 4]], least: f32) -> Vec<usize> {
+        (0..values.len()).filter(|&i| f32::from(self.labels.labels[i].sign) * values[i][0] < least).collect()
+    }
+
+    /// Contradicted labels that the topology needs.
+    fn must_keep(&self, mask: &Mask, c: &[f32]) -> Vec<usize> {
+        let values = self.labels.sample(c);
+        let amount = |l: usize| -f32::from(self.labels.labels[l].sign) * values[l][0];
+        critical::critical(mask, &self.labels.labels, &self.below(&values, 0.02), amount)
+    }
+}
+
+/// Distance from zero of the far field, smallest spacings.
+const FAR: f32 = 6.0;
+
+/// What the second level is made from.
+struct Coarse<'a> {
+    mask: &'a Mask,
+    level: Level,
+    c: Vec<f32>,
+    near: &'a [Near],
+    weights: Weights,
+    effort: Effort,
+}
+
+/// How far from a contradicted label coefficients may change, and how far their energy reaches, voxels.
+const FREE: usize = 3;
+const REACH: usize = FREE + 6;
+/// By how much a label's margin grows from round to round, smallest spacings.
+const MARGIN: f32 = 0.15;
+
+/// A part of the finest level: its coefficients, and which of them keep their value.
+struct Patch {
+    level: Level,
+    c: Vec<f32>,
+    frozen: Vec<bool>,
+}
+
+impl Coarse<'_> {
+    /// The finest level round some voxels, its coefficients from the level before.
+    fn patch(&self, voxels: &[[i16; 3]]) -> Patch {
+        let reach = Neighbourhood::of(self.mask, voxels, REACH);
+        let near: Vec<Near> = self.near.iter().filter(|n| reach.holds(n.voxel.map(i64::from))).copied().collect();
+        let nodes = self.level.band.nodes;
+        let nodes = Nodes { step: 1, low: nodes.low.map(|l| 2 * l), dims: nodes.dims.map(|d| 2 * d), ..nodes };
+        let level = Level::new(self.mask, nodes, &near, true, self.weights.scale);
+        let free = Neighbourhood::of(self.mask, voxels, FREE);
+        let mut frozen = Vec::with_capacity(level.band.len());
+        for r in &level.band.runs {
+            frozen.extend((r.x..r.x + r.len as i32).map(|x| !free.holds(nodes.voxel([x, r.y, r.z]))));
+        }
+        let c = subdivide(&self.level.band, &self.c, &level.band);
+        Patch { level, c, frozen }
+    }
+
+    /// Subdivides the spline round the labels `hard`, fits it there again and gives the labels that the topology needs
+    /// a growing margin until none is contradicted or `rounds` are over.
+    fn refine(&self, hard: &[usize], rounds: usize, summary: &mut SmoothSummary) -> TiledSpline {
+        let mask = self.mask;
+        let voxels: Vec<[i16; 3]> = hard.iter().map(|&l| self.level.labels.labels[l].voxel).collect();
+        let mut all = self.patch(&voxels);
+        let problem = Problem { band: &all.level.band, labels: &all.level.labels, weights: self.weights, frozen: &all.frozen };
+        summary.products[1] += problem.newton(&mut all.c, &[], self.effort);
+        let mut margins = BTreeMap::new();
+        let mut left = all.level.must_keep(mask, &all.c);
+        for _ in 0..rounds {
+            if left.is_empty() {
+                break;
             }
-            for (s, (y, z)) in [(r.y - 1, r.z), (r.y + 1, r.z), (r.y, r.z - 1), (r.y, r.z + 1)].into_iter().enumerate() {
-                for o in band.row(y, z) {
-                    let (a, b) = (o.x.max(r.x), (o.x + o.len as i32).min(r.x + r.len as i32));
-                    for x in a..b.max(a) {
-                        near[(x - r.x) as usize][s + 2] = Some(c[o.start as usize + (x - o.x) as usize]);
-                    }
+            let voxels: Vec<[i16; 3]> = left.iter().map(|&l| all.level.labels.labels[l].voxel).collect();
+            voxels.iter().for_each(|v| *margins.entry(*v).or_insert(0.0f32) += MARGIN);
+            let mut part = self.patch(&voxels);
+            part.take(&all, false);
+            let labels = &part.level.labels;
+            let margin: Vec<f32> = labels.labels.iter().map(|l| margins.get(&l.voxel).copied().unwrap_or(0.0)).collect();
+            let problem = Problem { band: &part.level.band, labels, weights: self.weights, frozen: &part.frozen };
+            let effort = Effort { products: 2 * self.effort.products, ..self.effort };
+            summary.products[1] += problem.newton(&mut part.c, &margin, effort);
+            all.take(&part, true);
+            left = all.level.must_keep(mask, &all.c);
+        }
+        summary.refined = all.frozen.iter().filter(|f| !**f).count();
+        summary.repaired = margins.len();
+        summary.contradicted = left.len();
+        let voxel = |l: usize| Vector::from(all.level.labels.labels[l].voxel.map(f64::from));
+        summary.contradictions = left.iter().take(10).map(|&l| mask.grid.to_world(voxel(l)).into()).collect();
+        let changed = |r: &band::Run| (0..r.len as usize).any(|i| !all.frozen[r.start as usize + i]);
+        // What did not change is taken from the level before, exactly, beyond its band too.
+        all.c.iter_mut().zip(&all.frozen).filter(|(_, f)| **f).for_each(|(c, _)| *c = f32::NAN);
+        tile(mask, &all.level.band, &all.c, Some((&self.level.band, &self.c)), changed)
+    }
+}
+
+impl Patch {
+    /// Takes the coefficients that may change there from `other`; from then on they may change here too if `free`.
+    fn take(&mut self, other: &Patch, free: bool) {
+        for r in &self.level.band.runs {
+            for (n, x) in (r.start as usize..(r.start + r.len) as usize).zip(r.x..) {
+                if let Some(m) = other.level.band.place(x, r.y, r.z, 1).filter(|&m| !other.frozen[m as usize]) {
+                    self.c[n] = other.c[m as usize];
+                    self.frozen[n] &= !free;
                 }
             }
-            (0..n).map(|i| f(c[at + i], &near[i])).collect()
-        })
-        .collect();
-    parts.concat()
+        }
+    }
 }
 
-/// The coefficients in tiles; beyond the band ±3 nodes by the nearest voxel's label.
-fn tile(band: &Band, mask: &Mask, c: &[f32]) -> TiledSpline {
-    const FAR: f32 = 3.0;
-    let tiles = band.dims.map(|n| n.div_ceil(TILE));
+/// The voxels within some voxels (along each axis) of given ones, from two voxels outside the array on.
+struct Neighbourhood {
+    size: [usize; 3],
+    data: Vec<bool>,
+}
+
+impl Neighbourhood {
+    fn of(mask: &Mask, voxels: &[[i16; 3]], reach: usize) -> Neighbourhood {
+        let size = mask.grid.dims.map(|n| n + 8);
+        let mut data = vec![false; size.iter().product()];
+        for v in voxels {
+            data[(v[0] + 4) as usize + size[0] * ((v[1] + 4) as usize + size[1] * (v[2] + 4) as usize)] = true;
+        }
+        let mut stride = 1;
+        for n in size {
+            let lines: Vec<usize> = (0..data.len()).step_by(stride * n).flat_map(|b| b..b + stride).collect();
+            for first in lines {
+                let mut last = None;
+                let line: Vec<usize> = (0..n).filter(|i| data[first + i * stride]).collect();
+                for i in line {
+                    let from = last.map_or(0, |l: usize| l + 1).max(i.saturating_sub(reach));
+                    let to = (i + reach).min(n - 1);
+                    (from..=to).for_each(|i| data[first + i * stride] = true);
+                    last = Some(to);
+                }
+            }
+            stride *= n;
+        }
+        Neighbourhood { size, data }
+    }
+
+    fn holds(&self, v: [i64; 3]) -> bool {
+        let v = v.map(|v| v + 4);
+        if (0..3).any(|a| v[a] < 0 || v[a] >= self.size[a] as i64) {
+            return false;
+        }
+        self.data[v[0] as usize + self.size[0] * (v[1] as usize + self.size[1] * v[2] as usize)]
+    }
+}
+
+/// The coefficient of the spline at a node of the next finer level; one that `from` lacks is asked of `missing`.
+fn subdivided(from: &Band, c: &[f32], to: &Nodes, n: [i32; 3], missing: impl Fn([i32; 3]) -> Option<f32>) -> f32 {
+    // Along an axis: first node and weights at the even and odd places.
+    let axis = |a: usize| -> (i32, [f32; 3]) {
+        let at = n[a] + to.low[a];
+        let half = at.div_euclid(2) - from.nodes.low[a];
+        if at.rem_euclid(2) == 0 { (half - 1, [0.125, 0.75, 0.125]) } else { (half, [0.5, 0.5, 0.0]) }
+    };
+    let ((x, wx), (y, wy), (z, wz)) = (axis(0), axis(1), axis(2));
+    let (mut sum, mut total) = (0.0, 0.0);
+    for k in 0..3 {
+        for j in 0..3 {
+            let mut row = [f32::NAN; 3];
+            from.fetch(c, y + j as i32, z + k as i32, x, &mut row);
+            for i in 0..3 {
+                let w = wx[i] * wy[j] * wz[k];
+                let v = if row[i].is_nan() { missing([x + i as i32, y + j as i32, z + k as i32]) } else { Some(row[i]) };
+                if let Some(v) = v.filter(|_| w > 0.0) {
+                    sum += w * v;
+                    total += w;
+                }
+            }
+        }
+    }
+    if total > 0.0 { sum / total } else { 0.0 }
+}
+
+/// The same spline with twice the nodes.
+fn subdivide(from: &Band, c: &[f32], to: &Band) -> Vec<f32> {
+    let run = |r: &band::Run| (r.x..r.x + r.len as i32).map(|x| subdivided(from, c, &to.nodes, [x, r.y, r.z], |_| None)).collect();
+    labels::in_order(to.runs.par_iter().map(run).collect())
+}
+
+/// The coefficients in tiles.
+///
+/// Of the runs, only those `wanted` ask for tiles. Beyond the band stand the coefficients of the `coarser` level, or a
+/// constant by the nearest voxel's label where there is none.
+fn tile(mask: &Mask, band: &Band, c: &[f32], coarser: Option<(&Band, &[f32])>, wanted: impl Fn(&band::Run) -> bool) -> TiledSpline {
+    let dims = band.nodes.dims;
+    let tiles = dims.map(|n| n.div_ceil(TILE));
     let index = |t: [usize; 3]| t[0] + tiles[0] * (t[1] + tiles[1] * t[2]);
     let mut needed = vec![false; tiles.iter().product()];
     // Node i belongs to cells i−2 ..= i+1.
@@ -271,7 +451,7 @@ fn tile(band: &Band, mask: &Mask, c: &[f32]) -> TiledSpline {
         let tile = |i: i32| i.div_euclid(TILE as i32).clamp(0, last) as usize;
         tile(lo - 2)..=tile(hi + 1)
     };
-    for r in &band.runs {
+    for r in band.runs.iter().filter(|r| wanted(r)) {
         for z in span(2, r.z, r.z) {
             for y in span(1, r.y, r.y) {
                 for x in span(0, r.x, r.x + r.len as i32 - 1) {
@@ -280,9 +460,8 @@ fn tile(band: &Band, mask: &Mask, c: &[f32]) -> TiledSpline {
             }
         }
     }
-    let m = band.refine;
-    let side = |n: [i32; 3]| -> f32 {
-        let v: [i64; 3] = std::array::from_fn(|a| (2 * (n[a] + band.low[a]) + m[a]).div_euclid(2 * m[a]) as i64);
+    let side = |nodes: &Nodes, n: [i32; 3]| {
+        let v = nodes.voxel(n);
         if mask.at(v[0], v[1], v[2]) { -FAR } else { FAR }
     };
     let mut stored = 0;
@@ -294,10 +473,16 @@ fn tile(band: &Band, mask: &Mask, c: &[f32]) -> TiledSpline {
             table.push(Tile::Stored(stored));
             stored += 1;
             keys.push(t);
+        } else if coarser.is_some() {
+            table.push(Tile::Absent);
         } else {
-            table.push(Tile::Constant(side(t.map(|t| (t * TILE) as i32))));
+            table.push(Tile::Constant(side(&band.nodes, t.map(|t| (t * TILE) as i32))));
         }
     }
+    let beyond = |n: [i32; 3]| match coarser {
+        None => side(&band.nodes, n),
+        Some((from, c)) => subdivided(from, c, &band.nodes, n, |m| Some(side(&from.nodes, m))),
+    };
     let parts: Vec<Vec<f32>> = keys
         .par_iter()
         .map(|t| {
@@ -306,22 +491,17 @@ fn tile(band: &Band, mask: &Mask, c: &[f32]) -> TiledSpline {
             for k in 0..NODES as i32 {
                 for j in 0..NODES as i32 {
                     let (y, z) = (low[1] + j, low[2] + k);
-                    let first = out.len();
-                    out.extend((0..NODES as i32).map(|i| side([low[0] + i, y, z])));
-                    for r in band.row(y, z) {
-                        let (a, b) = (r.x.max(low[0]), (r.x + r.len as i32).min(low[0] + NODES as i32));
-                        for x in a..b.max(a) {
-                            out[first + (x - low[0]) as usize] = c[r.start as usize + (x - r.x) as usize];
-                        }
-                    }
+                    let mut row = [f32::NAN; NODES];
+                    band.fetch(c, y, z, low[0], &mut row);
+                    out.extend(row.iter().zip(low[0]..).map(|(&v, x)| if v.is_nan() { beyond([x, y, z]) } else { v }));
                 }
             }
             out
         })
         .collect();
-    TiledSpline { tiles, table, coefficients: parts.concat(), outside: FAR as f64 }
+    TiledSpline { tiles, table, coefficients: labels::in_order(parts), outside: f64::from(FAR) }
 }
 
 #[cfg(test)]
-#[path = "smooth_tests.rs"]
+#[path = "smooth/tests.rs"]
 mod tests;

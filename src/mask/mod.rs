@@ -10,7 +10,7 @@ mod error;
 mod grid;
 mod image;
 mod morphology;
-mod neighborhood;
+pub(crate) mod neighborhood;
 mod select;
 mod thickness;
 mod topology;

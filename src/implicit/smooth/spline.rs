@@ -12,6 +12,8 @@ pub(super) const TILE_LEN: usize = NODES * NODES * NODES;
 /// What a tile holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Tile {
+    /// Nothing: another spline holds there.
+    Absent,
     /// Far from the wall: a constant.
     Constant(f32),
     /// Coefficients of nodes 8t−1 to 8t+9, at this place.
@@ -30,14 +32,14 @@ pub(super) struct TiledSpline {
 }
 
 #[inline]
-fn weights(t: f64) -> [f64; 4] {
+pub(super) fn weights(t: f64) -> [f64; 4] {
     let (t2, s) = (t * t, 1.0 - t);
     let t3 = t2 * t;
     [s * s * s / 6.0, (3.0 * t3 - 6.0 * t2 + 4.0) / 6.0, (-3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0) / 6.0, t3 / 6.0]
 }
 
 #[inline]
-fn slopes(t: f64) -> [f64; 4] {
+pub(super) fn slopes(t: f64) -> [f64; 4] {
     let s = 1.0 - t;
     [-0.5 * s * s, 1.5 * t * t - 2.0 * t, -1.5 * t * t + t + 0.5, 0.5 * t * t]
 }
@@ -48,6 +50,24 @@ fn bends(t: f64) -> [f64; 4] {
 }
 
 impl TiledSpline {
+    /// A spline without tiles.
+    pub fn nowhere() -> TiledSpline {
+        TiledSpline { tiles: [0; 3], table: Vec::new(), coefficients: Vec::new(), outside: 0.0 }
+    }
+
+    /// Whether there is a tile at node coordinates `x`.
+    #[inline]
+    pub fn holds(&self, x: &Vector) -> bool {
+        let mut tile = [0usize; 3];
+        for a in 0..3 {
+            if !(x[a] >= 0.0 && x[a] < (self.tiles[a] * TILE) as f64) {
+                return false;
+            }
+            tile[a] = x[a] as usize / TILE;
+        }
+        self.table[tile[0] + self.tiles[0] * (tile[1] + self.tiles[1] * tile[2])] != Tile::Absent
+    }
+
     /// The 64 coefficients' first place and the fractions within the cell; `Err` is the constant there.
     #[inline]
     fn locate(&self, x: &Vector) -> Result<(&[f32], [f64; 3]), f64> {
@@ -63,6 +83,7 @@ impl TiledSpline {
             (tile[a], cell[a], t[a]) = (i / TILE, i % TILE, x[a] - f);
         }
         match self.table[tile[0] + self.tiles[0] * (tile[1] + self.tiles[1] * tile[2])] {
+            Tile::Absent => Err(self.outside),
             Tile::Constant(v) => Err(v as f64),
             Tile::Stored(n) => {
                 let first = n as usize * TILE_LEN + cell[0] + NODES * (cell[1] + NODES * cell[2]);

@@ -1,0 +1,207 @@
+//! The labels that the fit is to respect: voxels at the wall, and the spline's value and gradient there.
+
+use rayon::prelude::*;
+
+use super::band::{Band, Nodes};
+use super::spline;
+use crate::mask::Mask;
+
+/// A voxel with a face neighbour of the other label.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Near {
+    pub voxel: [i16; 3],
+    /// Bit a: the neighbour along axis a.
+    pub axes: u8,
+}
+
+/// The boundary voxels of both labels, in the order of the array; beyond the mask lies background.
+pub(super) fn boundary(mask: &Mask) -> Vec<Near> {
+    let [nx, ny, nz] = mask.grid.dims.map(|n| n as i64);
+    let slabs: Vec<Vec<Near>> = (-1..=nz)
+        .into_par_iter()
+        .map(|k| {
+            let mut out = Vec::new();
+            for j in -1..=ny {
+                for i in -1..=nx {
+                    let here = mask.at(i, j, k);
+                    let differs = |d: [i64; 3]| mask.at(i + d[0], j + d[1], k + d[2]) != here;
+                    let mut axes = 0;
+                    for a in 0..3 {
+                        let step: [i64; 3] = std::array::from_fn(|b| i64::from(a == b));
+                        axes |= u8::from(differs(step) || differs(step.map(|s| -s))) << a;
+                    }
+                    if axes != 0 {
+                        out.push(Near { voxel: [i as i16, j as i16, k as i16], axes });
+                    }
+                }
+            }
+            out
+        })
+        .collect();
+    in_order(slabs)
+}
+
+/// Joins what threads made piece by piece.
+pub(super) fn in_order<T>(parts: Vec<Vec<T>>) -> Vec<T> {
+    let mut out = Vec::with_capacity(parts.iter().map(Vec::len).sum());
+    for p in parts {
+        out.extend(p);
+    }
+    out
+}
+
+/// A label: what a voxel says about the sign of the function.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Label {
+    pub voxel: [i16; 3],
+    /// −1 in the lumen, +1 outside.
+    pub sign: i8,
+    /// Bits 2a and 2a+1: where the voxel lies between two nodes along axis a, in quarters.
+    pub phase: u8,
+    /// Axes along which a neighbour has the other label; 0 in the second layer.
+    pub axes: u8,
+}
+
+/// Labels in the same cell of the spline.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cell {
+    /// Places of the 16 rows of 4 coefficients.
+    pub rows: [u32; 16],
+    /// First label; the next cell's first is the end.
+    pub first: u32,
+}
+
+/// All labels, sorted by cell.
+pub(super) struct Labels {
+    pub labels: Vec<Label>,
+    pub cells: Vec<Cell>,
+    /// First cell whose lowest node lies in a layer, and the number of cells at the end.
+    pub layers: Vec<u32>,
+    /// Weights of the four nodes for value and derivative (per smallest spacing), by phase and axis.
+    taps: [[[[f32; 4]; 2]; 3]; 4],
+}
+
+impl Labels {
+    /// The boundary voxels `near` and their neighbours, as far as the band carries the spline there.
+    ///
+    /// `second`: with the neighbours. `scale`: finest nodes a smallest spacing, per axis.
+    pub fn of(mask: &Mask, band: &Band, near: &[Near], second: bool, scale: [f32; 3]) -> Labels {
+        let nodes = band.nodes;
+        let size: [usize; 3] = std::array::from_fn(|a| mask.grid.dims[a] + 4);
+        let mut wanted = vec![0u8; size.iter().product()];
+        let at = |v: [i16; 3]| (v[0] + 2) as usize + size[0] * ((v[1] + 2) as usize + size[1] * (v[2] + 2) as usize);
+        for n in near.iter().filter(|_| second) {
+            for k in -1..=1 {
+                for j in -1..=1 {
+                    let from = at([n.voxel[0] - 1, n.voxel[1] + j, n.voxel[2] + k]);
+                    wanted[from..from + 3].iter_mut().for_each(|w| *w |= 8);
+                }
+            }
+        }
+        for n in near {
+            wanted[at(n.voxel)] |= n.axes;
+        }
+        let slabs: Vec<Vec<(u64, Label)>> = wanted
+            .par_chunks(size[0] * size[1])
+            .enumerate()
+            .map(|(k, layer)| {
+                let mut out = Vec::new();
+                for (n, &w) in layer.iter().enumerate().filter(|(_, w)| **w != 0) {
+                    let voxel = [(n % size[0]) as i64 - 2, (n / size[0]) as i64 - 2, k as i64 - 2];
+                    let first: [(i32, u8); 3] = std::array::from_fn(|a| nodes.first(a, voxel[a]));
+                    let key = (0..3).rev().fold(0u64, |key, a| key * nodes.dims[a] as u64 + first[a].0.max(0) as u64);
+                    let phase = (0..3).fold(0, |p, a| p | first[a].1 << (2 * a));
+                    let sign = if mask.at(voxel[0], voxel[1], voxel[2]) { -1 } else { 1 };
+                    out.push((key, Label { voxel: voxel.map(|v| v as i16), sign, phase, axes: w & 7 }));
+                }
+                out
+            })
+            .collect();
+        let mut found = in_order(slabs);
+        found.par_sort_by_key(|(key, _)| *key);
+        let mut out = Labels { labels: Vec::new(), cells: Vec::new(), layers: vec![0; nodes.dims[2] + 1], taps: taps(&nodes, scale) };
+        for group in found.chunk_by(|a, b| a.0 == b.0) {
+            let low: [i32; 3] = std::array::from_fn(|a| nodes.first(a, i64::from(group[0].1.voxel[a])).0);
+            let rows: [Option<u32>; 16] =
+                std::array::from_fn(|n| band.place(low[0], low[1] + (n % 4) as i32, low[2] + (n / 4) as i32, 4));
+            if low.iter().any(|&n| n < 0) || rows.contains(&None) {
+                continue;
+            }
+            out.cells.push(Cell { rows: rows.map(Option::unwrap_or_default), first: out.labels.len() as u32 });
+            out.layers[low[2] as usize + 1] = out.cells.len() as u32;
+            out.labels.extend(group.iter().map(|(_, l)| *l));
+        }
+        for k in 1..out.layers.len() {
+            out.layers[k] = out.layers[k].max(out.layers[k - 1]);
+        }
+        out
+    }
+
+    /// The labels of a cell, as places in [`Labels::labels`].
+    pub fn of_cell(&self, c: usize) -> std::ops::Range<usize> {
+        let end = self.cells.get(c + 1).map_or(self.labels.len(), |c| c.first as usize);
+        self.cells[c].first as usize..end
+    }
+
+    /// Weights of value and derivative along each axis.
+    #[inline]
+    pub fn taps(&self, label: usize) -> [&[[f32; 4]; 2]; 3] {
+        let phase = self.labels[label].phase;
+        [0, 1, 2].map(|a| &self.taps[(phase >> (2 * a) & 3) as usize][a])
+    }
+
+    /// Value and gradient (per smallest spacing) of the spline at every label.
+    pub fn sample(&self, c: &[f32]) -> Vec<[f32; 4]> {
+        let parts: Vec<Vec<[f32; 4]>> = (0..self.cells.len())
+            .into_par_iter()
+            .with_min_len(256)
+            .map(|cell| {
+                let block = gather(c, &self.cells[cell].rows);
+                self.of_cell(cell)
+                    .map(|l| {
+                        let [x, y, z] = self.taps(l);
+                        let mut out = [0.0f32; 4];
+                        for k in 0..4 {
+                            for j in 0..4 {
+                                let row = &block[j + 4 * k];
+                                let (s, d) = (dot4(&x[0], row), dot4(&x[1], row));
+                                out[0] += y[0][j] * z[0][k] * s;
+                                out[1] += y[0][j] * z[0][k] * d;
+                                out[2] += y[1][j] * z[0][k] * s;
+                                out[3] += y[0][j] * z[1][k] * s;
+                            }
+                        }
+                        out
+                    })
+                    .collect()
+            })
+            .collect();
+        in_order(parts)
+    }
+}
+
+/// The coefficients of a cell.
+#[inline]
+pub(super) fn gather(c: &[f32], rows: &[u32; 16]) -> [[f32; 4]; 16] {
+    let mut out = [[0.0; 4]; 16];
+    for (row, &at) in out.iter_mut().zip(rows) {
+        row.copy_from_slice(&c[at as usize..at as usize + 4]);
+    }
+    out
+}
+
+#[inline(always)]
+fn dot4(a: &[f32; 4], b: &[f32; 4]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + (a[2] * b[2] + a[3] * b[3])
+}
+
+/// Weights of the four nodes for value and derivative, by quarters of the way from one node to the next.
+fn taps(nodes: &Nodes, scale: [f32; 3]) -> [[[[f32; 4]; 2]; 3]; 4] {
+    std::array::from_fn(|quarter| {
+        let t = quarter as f64 / 4.0;
+        std::array::from_fn(|a| {
+            let slope = f64::from(scale[a]) / f64::from(nodes.step);
+            [spline::weights(t).map(|w| w as f32), spline::slopes(t).map(|w| (w * slope) as f32)]
+        })
+    })
+}

@@ -1,0 +1,475 @@
+//! The penalised maximum-likelihood problem of the smooth fit, and its Newton solver.
+
+use rayon::prelude::*;
+
+use super::band::{Band, CHUNK, Run, TERMS};
+use super::labels::{Labels, gather};
+
+/// Layers of a slab: slabs of one parity are worked on at the same time. Products reach from a node to three layers
+/// above, so that slabs of one parity touch no common layer.
+const SLAB: usize = 4;
+
+/// Weights of the parts of the objective. Lengths are in units of the smallest voxel spacing.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weights {
+    /// Of |D³u|².
+    pub smoothness: f32,
+    /// Width of the probit likelihood of a voxel's label.
+    pub sigma: f32,
+    /// Of (n·∇u − 1)².
+    pub gauge: f32,
+    /// Finest nodes a smallest spacing, per axis.
+    pub scale: [f32; 3],
+}
+
+/// What there is to solve: the band, its labels, and which coefficients may change.
+pub(super) struct Problem<'a> {
+    pub band: &'a Band,
+    pub labels: &'a Labels,
+    pub weights: Weights,
+    /// Coefficients that keep their value; empty where none does.
+    pub frozen: &'a [bool],
+}
+
+/// The data's part of the quadratic form at an iterate, per label.
+#[derive(Debug, Clone, Copy, Default)]
+struct Datum {
+    /// Second derivative of the likelihood.
+    curvature: f32,
+    /// Direction of the gauge, times the square root of its weight.
+    normal: [f32; 3],
+}
+
+/// The quadratic form at an iterate.
+struct Quadratic<'a> {
+    problem: &'a Problem<'a>,
+    terms: [f32; 10],
+    data: Vec<Datum>,
+}
+
+/// A row of a neighbourhood: [`CHUNK`] nodes and four more.
+type Line = [f32; CHUNK + 4];
+const ZERO: Line = [0.0; CHUNK + 4];
+
+/// Calls `f` on every range of layers of the band with the part of `out` from there to three layers above.
+fn slabs(band: &Band, out: &mut [f32], f: impl Fn(std::ops::Range<usize>, &mut [f32], usize) + Sync) {
+    let nz = band.nodes.dims[2];
+    for parity in 0..2 {
+        let mut rest = &mut *out;
+        let mut at = 0usize;
+        let mut parts = Vec::new();
+        let mut z = parity * SLAB;
+        while z < nz {
+            let first = band.layers[z] as usize;
+            let last = band.layers[(z + SLAB + 3).min(nz)] as usize;
+            let (_, tail) = std::mem::take(&mut rest).split_at_mut(first - at);
+            let (part, tail) = tail.split_at_mut(last - first);
+            (rest, at) = (tail, last);
+            if !part.is_empty() {
+                parts.push((z..(z + SLAB).min(nz), first, part));
+            }
+            z += 2 * SLAB;
+        }
+        parts.into_par_iter().for_each(|(z, first, part)| f(z, part, first));
+    }
+}
+
+fn axpy(a: f32, x: &[f32], y: &mut [f32]) {
+    y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
+}
+
+/// y −= x over whole lines: fixed lengths, so that the compiler unrolls it.
+#[inline(always)]
+fn subtract(x: &Line, y: &mut Line) {
+    for i in 0..CHUNK + 4 {
+        y[i] -= x[i];
+    }
+}
+
+/// The first differences along the line, in place; what is not a whole difference is never used.
+#[inline(always)]
+fn difference(x: &mut Line) {
+    for i in 0..CHUNK + 3 {
+        x[i] = x[i + 1] - x[i];
+    }
+}
+
+/// The transpose of [`difference`] on lines whose last place is 0.
+#[inline(always)]
+fn undifference(x: &mut Line) {
+    let old = *x;
+    x[0] = -old[0];
+    for i in 1..CHUNK + 4 {
+        x[i] = old[i - 1] - old[i];
+    }
+}
+
+/// Place of row (j, k) of a neighbourhood, j + k ≤ 3: the order of [`TERMS`].
+const fn slot(j: usize, k: usize) -> usize {
+    [0, 4, 7, 9][k] + j
+}
+
+/// Δyʲ Δzᵏ of the rows, in place: every row (j, k) becomes the difference of that order at the first row.
+#[inline(always)]
+fn across(rows: &mut [Line; 10]) {
+    for k in 0..3 {
+        for s in 1..4 - k {
+            for j in (s..4 - k).rev() {
+                let before = rows[slot(j - 1, k)];
+                subtract(&before, &mut rows[slot(j, k)]);
+            }
+        }
+    }
+    for s in 1..4 {
+        for k in (s..4).rev() {
+            for j in 0..4 - k {
+                let before = rows[slot(j, k - 1)];
+                subtract(&before, &mut rows[slot(j, k)]);
+            }
+        }
+    }
+}
+
+/// The transpose of [`across`].
+#[inline(always)]
+fn unacross(rows: &mut [Line; 10]) {
+    for s in (1..4).rev() {
+        for k in s..4 {
+            for j in 0..4 - k {
+                let above = rows[slot(j, k)];
+                subtract(&above, &mut rows[slot(j, k - 1)]);
+            }
+        }
+    }
+    for k in 0..3 {
+        for s in (1..4 - k).rev() {
+            for j in s..4 - k {
+                let above = rows[slot(j, k)];
+                subtract(&above, &mut rows[slot(j - 1, k)]);
+            }
+        }
+    }
+}
+
+impl Quadratic<'_> {
+    /// out = H x
+    fn apply(&self, x: &[f32], out: &mut [f32]) {
+        out.par_chunks_mut(1 << 16).for_each(|c| c.fill(0.0));
+        let Problem { band, labels, .. } = *self.problem;
+        slabs(band, out, |z, part, first| {
+            for r in &band.chunks[band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize] {
+                self.smoothness(x, r, part, first);
+            }
+            for c in labels.layers[z.start] as usize..labels.layers[z.end] as usize {
+                self.cell(x, c, part, first);
+            }
+        });
+    }
+
+    /// The regulariser's differences that start in a chunk.
+    fn smoothness(&self, x: &[f32], r: &Run, part: &mut [f32], first: usize) {
+        let band = self.problem.band;
+        let (n, at) = (r.len as usize, r.start as usize);
+        let mut rows = [ZERO; 10];
+        for k in 0..4usize {
+            for j in 0..4 - k {
+                band.fetch(x, r.y + j as i32, r.z + k as i32, r.x, &mut rows[slot(j, k)][..n + 3]);
+            }
+        }
+        let mut valid = [0u32; CHUNK];
+        valid.iter_mut().zip(&band.valid[at..at + n]).for_each(|(v, b)| *v = u32::from(*b));
+        across(&mut rows);
+        for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
+            for _ in 0..orders[0] {
+                difference(line);
+            }
+            for i in 0..CHUNK {
+                line[i] *= (valid[i] >> t & 1) as f32 * self.terms[t];
+            }
+            line[CHUNK..].fill(0.0);
+            for _ in 0..orders[0] {
+                undifference(line);
+            }
+        }
+        unacross(&mut rows);
+        for k in 0..4usize {
+            for j in 0..4 - k {
+                band.add(part, first, r.y + j as i32, r.z + k as i32, r.x, &rows[slot(j, k)][..n + 3]);
+            }
+        }
+    }
+
+    /// The data of a cell.
+    fn cell(&self, x: &[f32], c: usize, part: &mut [f32], first: usize) {
+        let labels = self.problem.labels;
+        let rows = &labels.cells[c].rows;
+        let block = gather(x, rows);
+        let mut sum = [[0.0f32; 4]; 16];
+        for l in labels.of_cell(c) {
+            let Datum { curvature, normal: n } = self.data[l];
+            let [tx, ty, tz] = labels.taps(l);
+            let along = tx[1].map(|w| n[0] * w);
+            // Weights of a row's x-sum for the value (v) and for the derivative along n (g).
+            let mut v = [0.0f32; 4];
+            let mut g = [0.0f32; 4];
+            for k in 0..4 {
+                let (yv, yd) = (tz[0][k], n[2] * tz[1][k]);
+                for j in 0..4 {
+                    let row = &block[j + 4 * k];
+                    let a = ty[0][j] * yv;
+                    let b = n[1] * ty[1][j] * yv + ty[0][j] * yd;
+                    for i in 0..4 {
+                        v[i] += a * row[i];
+                        g[i] += b * row[i];
+                    }
+                }
+            }
+            let p = curvature * (0..4).map(|i| tx[0][i] * v[i]).sum::<f32>();
+            let q = (0..4).map(|i| tx[0][i] * g[i] + along[i] * v[i]).sum::<f32>();
+            spread(&mut sum, [tx, ty, tz], p, q, &n);
+        }
+        for (row, &at) in sum.iter().zip(rows) {
+            let at = at as usize - first;
+            part[at..at + 4].iter_mut().zip(row).for_each(|(o, s)| *o += s);
+        }
+    }
+
+    /// Diagonal of H.
+    fn diagonal(&self) -> Vec<f32> {
+        let Problem { band, labels, .. } = *self.problem;
+        let binomial: [&[f32]; 4] = [&[1.0], &[1.0, 1.0], &[1.0, 4.0, 1.0], &[1.0, 9.0, 9.0, 1.0]];
+        let mut out = vec![0.0f32; band.len()];
+        slabs(band, &mut out, |z, part, first| {
+            for r in &band.chunks[band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize] {
+                let (n, at) = (r.len as usize, r.start as usize);
+                for (t, (o, _)) in TERMS.iter().enumerate() {
+                    let mut line = ZERO;
+                    for (i, valid) in band.valid[at..at + n].iter().enumerate() {
+                        for (k, w) in binomial[o[0]].iter().enumerate() {
+                            line[i + k] += (valid >> t & 1) as f32 * self.terms[t] * w;
+                        }
+                    }
+                    for (k, wk) in binomial[o[2]].iter().enumerate() {
+                        for (j, wj) in binomial[o[1]].iter().enumerate() {
+                            let scaled = line.map(|v| v * wj * wk);
+                            band.add(part, first, r.y + j as i32, r.z + k as i32, r.x, &scaled[..n + 3]);
+                        }
+                    }
+                }
+            }
+            for c in labels.layers[z.start] as usize..labels.layers[z.end] as usize {
+                for l in labels.of_cell(c) {
+                    let Datum { curvature, normal: n } = self.data[l];
+                    let [x, y, z] = labels.taps(l);
+                    for (row, &at) in labels.cells[c].rows.iter().enumerate() {
+                        let (j, k) = (row % 4, row / 4);
+                        for i in 0..4 {
+                            let v = x[0][i] * y[0][j] * z[0][k];
+                            let g = n[0] * x[1][i] * y[0][j] * z[0][k] + n[1] * x[0][i] * y[1][j] * z[0][k] + n[2] * x[0][i] * y[0][j] * z[1][k];
+                            part[at as usize - first + i] += curvature * v * v + g * g;
+                        }
+                    }
+                }
+            }
+        });
+        out
+    }
+}
+
+/// Adds the effect of `p` on the value and of `q` on the derivative along `n` to the coefficients of a cell.
+#[inline(always)]
+fn spread(sum: &mut [[f32; 4]; 16], [x, y, z]: [&[[f32; 4]; 2]; 3], p: f32, q: f32, n: &[f32; 3]) {
+    let line: [f32; 4] = std::array::from_fn(|i| p * x[0][i] + q * n[0] * x[1][i]);
+    let cross = x[0].map(|w| q * w);
+    for k in 0..4 {
+        let (v, d) = (z[0][k], n[2] * z[1][k]);
+        for j in 0..4 {
+            let a = y[0][j] * v;
+            let b = n[1] * y[1][j] * v + y[0][j] * d;
+            let row = &mut sum[j + 4 * k];
+            for i in 0..4 {
+                row[i] += a * line[i] + b * cross[i];
+            }
+        }
+    }
+}
+
+/// φ(z)/Φ(z): minus the derivative of −ln Φ. Exact to 1e-6 for all z.
+fn hazard(z: f64) -> f64 {
+    if z > 8.0 {
+        return 0.0;
+    }
+    if z < -4.0 {
+        // Continued fraction of Mills' ratio.
+        let x = -z;
+        return x + 1.0 / (x + 2.0 / (x + 3.0 / (x + 4.0 / (x + 5.0 / (x + 6.0 / x)))));
+    }
+    // Abramowitz and Stegun 26.2.17.
+    let phi = (-0.5 * z * z).exp() * 0.398_942_280_401_432_7;
+    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
+    let tail = phi * t * (0.319_381_530 + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
+    phi / if z > 0.0 { 1.0 - tail } else { tail }
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f64 {
+    let parts: Vec<f64> = a
+        .par_chunks(4096)
+        .zip(b.par_chunks(4096))
+        .map(|(a, b)| {
+            let mut s = [0.0f64; 4];
+            let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
+            let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(a, b)| *a as f64 * *b as f64).sum();
+            for (a, b) in ca.zip(cb) {
+                for i in 0..4 {
+                    s[i] += a[i] as f64 * b[i] as f64;
+                }
+            }
+            s.iter().sum::<f64>() + rest
+        })
+        .collect();
+    parts.iter().sum()
+}
+
+/// How hard to try.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// Newton steps at most.
+    pub steps: usize,
+    /// Width of the likelihood in the first step, halved from step to step.
+    pub sigma: f64,
+    /// Products of a step at most.
+    pub products: usize,
+    /// Fall of the preconditioned residual at which a step's equation counts as solved.
+    pub tolerance: f64,
+    /// Change of a coefficient, in smallest spacings, below which there is no further step.
+    pub change: f32,
+}
+
+impl<'a> Problem<'a> {
+    fn terms(&self) -> [f32; 10] {
+        let w = &self.weights;
+        let step = self.band.nodes.step as f32;
+        std::array::from_fn(|t| {
+            let (o, m) = TERMS[t];
+            w.smoothness * m * step.powi(3) * (0..3).map(|a| (w.scale[a] / step).powi(2 * o[a] as i32)).product::<f32>()
+        })
+    }
+
+    /// A first guess: half a voxel from the wall next to the other label, a voxel more in the second layer.
+    pub fn start(&self, spacing: [f32; 3], effort: Effort) -> (Vec<f32>, usize) {
+        let n = self.band.len();
+        let labels = &self.labels.labels;
+        let aim: Vec<(f32, f32)> = labels
+            .par_iter()
+            .map(|l| {
+                let near = (0..3).filter(|a| l.axes >> a & 1 == 1).map(|a| spacing[a]).fold(f32::INFINITY, f32::min);
+                let (d, w) = if near.is_finite() { (0.45 * near, 0.3 * near) } else { (1.2, 0.7) };
+                (f32::from(l.sign) * d, 1.0 / (w * w))
+            })
+            .collect();
+        let data = aim.iter().map(|a| Datum { curvature: a.1, normal: [0.0; 3] }).collect();
+        let h = Quadratic { problem: self, terms: self.terms(), data };
+        let mut right = vec![0.0f32; n];
+        self.spread(&mut right, |l| (aim[l].0 * aim[l].1, 0.0, [0.0; 3]));
+        conjugate_gradients(&h, &right, effort)
+    }
+
+    /// Adds the effects (p, q, n) of `f(label)` to `out`.
+    fn spread(&self, out: &mut [f32], f: impl Fn(usize) -> (f32, f32, [f32; 3]) + Sync) {
+        let labels = self.labels;
+        slabs(self.band, out, |z, part, first| {
+            for c in labels.layers[z.start] as usize..labels.layers[z.end] as usize {
+                let mut sum = [[0.0f32; 4]; 16];
+                for l in labels.of_cell(c) {
+                    let (p, q, n) = f(l);
+                    spread(&mut sum, labels.taps(l), p, q, &n);
+                }
+                for (row, &at) in sum.iter().zip(&labels.cells[c].rows) {
+                    let at = at as usize - first;
+                    part[at..at + 4].iter_mut().zip(row).for_each(|(o, s)| *o += s);
+                }
+            }
+        });
+    }
+
+    /// Newton's method with conjugate gradients inside; returns the number of products with H.
+    ///
+    /// A label counts as kept where the value lies beyond `margin` on its side of zero.
+    pub fn newton(&self, c: &mut [f32], margin: &[f32], effort: Effort) -> usize {
+        let (w, labels) = (&self.weights, self.labels);
+        let mut products = 0;
+        let mut gradient = vec![0.0f32; c.len()];
+        let root = w.gauge.sqrt();
+        for k in 0..effort.steps {
+            let now = labels.sample(c);
+            let sigma = (w.sigma as f64).max(effort.sigma * 0.5f64.powi(k as i32));
+            let (data, slope): (Vec<Datum>, Vec<f32>) = now
+                .par_iter()
+                .zip(&labels.labels)
+                .enumerate()
+                .map(|(i, (v, l))| {
+                    let s = f64::from(l.sign);
+                    let z = (s * f64::from(v[0]) - margin.get(i).map_or(0.0, |&m| f64::from(m))) / sigma;
+                    let r = hazard(z);
+                    let len = (v[1] * v[1] + v[2] * v[2] + v[3] * v[3]).sqrt();
+                    let normal = if len > 0.05 { [v[1], v[2], v[3]].map(|v| root * v / len) } else { [0.0; 3] };
+                    (Datum { curvature: (r * (z + r) / (sigma * sigma)) as f32, normal }, (-s * r / sigma) as f32)
+                })
+                .unzip();
+            // Gradient of the objective: the regulariser's, the likelihood's slope, and the gauge's aim.
+            let h = Quadratic { problem: self, terms: self.terms(), data };
+            let smooth = Quadratic { problem: self, terms: h.terms, data: vec![Datum::default(); h.data.len()] };
+            smooth.apply(c, &mut gradient);
+            self.spread(&mut gradient, |l| {
+                let (m, v) = (h.data[l].normal, now[l]);
+                (slope[l], m[0] * v[1] + m[1] * v[2] + m[2] * v[3] - root, m)
+            });
+            let (step, k) = conjugate_gradients(&h, &gradient, effort);
+            products += k + 1;
+            // What counts is the change at the wall; coefficients at the band's rim are hardly determined.
+            let big = labels.sample(&step).par_iter().zip(&labels.labels).filter(|(_, l)| l.axes != 0).map(|(v, _)| v[0].abs()).reduce(|| 0.0, f32::max);
+            let damp = (0.5 / big.max(1e-9)).min(1.0);
+            axpy(-damp, &step, c);
+            if sigma == f64::from(w.sigma) && big < effort.change {
+                break;
+            }
+        }
+        products
+    }
+}
+
+/// H⁻¹ g, preconditioned by the diagonal; frozen coefficients do not change.
+fn conjugate_gradients(h: &Quadratic, g: &[f32], effort: Effort) -> (Vec<f32>, usize) {
+    let n = g.len();
+    let mut inverse: Vec<f32> = h.diagonal().into_iter().map(|d| 1.0 / d.max(1e-12)).collect();
+    inverse.iter_mut().zip(h.problem.frozen).filter(|(_, f)| **f).for_each(|(d, _)| *d = 0.0);
+    let mut x = vec![0.0f32; n];
+    let mut r = g.to_vec();
+    let mut z: Vec<f32> = r.iter().zip(&inverse).map(|(r, d)| r * d).collect();
+    let mut p = z.clone();
+    let mut q = vec![0.0f32; n];
+    let mut rz = dot(&r, &z);
+    let goal = rz * effort.tolerance * effort.tolerance;
+    for k in 0..effort.products {
+        h.apply(&p, &mut q);
+        let curvature = dot(&p, &q);
+        if curvature.is_nan() || curvature <= 0.0 {
+            return (x, k);
+        }
+        let alpha = (rz / curvature) as f32;
+        x.par_chunks_mut(4096).zip(p.par_chunks(4096)).for_each(|(x, p)| axpy(alpha, p, x));
+        r.par_chunks_mut(4096).zip(q.par_chunks(4096)).for_each(|(r, q)| axpy(-alpha, q, r));
+        z.par_chunks_mut(4096)
+            .zip(r.par_chunks(4096))
+            .zip(inverse.par_chunks(4096))
+            .for_each(|((z, r), d)| z.iter_mut().zip(r).zip(d).for_each(|((z, r), d)| *z = r * d));
+        let next = dot(&r, &z);
+        if next <= goal {
+            return (x, k + 1);
+        }
+        let beta = (next / rz) as f32;
+        rz = next;
+        p.par_chunks_mut(4096).zip(z.par_chunks(4096)).for_each(|(p, z)| p.iter_mut().zip(z).for_each(|(p, z)| *p = z + beta * *p));
+    }
+    (x, effort.products)
+}
