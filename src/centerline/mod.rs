@@ -148,7 +148,7 @@ pub enum Error {
     #[error("the mask has no lumen voxel: check the label or threshold that selects the lumen")]
     Empty,
     /// All components are too small.
-    #[error("no component of the mask has a centerline; the largest has {voxels} voxels at {center:?}: lower `min_voxels` or check the label that selects the lumen")]
+    #[error("the mask holds no vessel: its largest part has {voxels} voxels at {center:?} (LPS mm), too few for a centerline: check the label or threshold that selects the lumen, or segment the vessel at a finer spacing")]
     TooSmall {
         /// Voxels of the largest component.
         voxels: usize,

@@ -41,7 +41,8 @@ impl Failure {
 
     /// What, where and what to do.
     pub fn message(&self) -> String {
-        format!("{:#}", self.error)
+        // Every error here names its cause itself; the chain would say it twice.
+        self.error.to_string()
     }
 }
 

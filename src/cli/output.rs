@@ -4,7 +4,30 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use super::exit::{Failure, USAGE};
+
+/// Folders being written; held while one is put in its place.
+static OPEN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn open_folders() -> MutexGuard<'static, Vec<PathBuf>> {
+    OPEN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes what is half-written. While the result lives, no folder is put in its place.
+pub fn remove_unfinished() -> impl Drop {
+    let mut open = open_folders();
+    for folder in open.drain(..) {
+        // A thread that still writes may put a file into a folder that is being emptied.
+        for _ in 0..5 {
+            if fs::remove_dir_all(&folder).is_ok() || !folder.exists() {
+                break;
+            }
+        }
+    }
+    open
+}
 
 /// A folder being written beside its final place; dropped without [`Staging::publish`] it vanishes.
 pub struct Staging {
@@ -13,13 +36,10 @@ pub struct Staging {
     published: bool,
 }
 
-fn failure(path: &Path, action: &str, e: &io::Error) -> Failure {
-    let remedy = match e.kind() {
-        io::ErrorKind::StorageFull => "free some space or choose another folder with -o",
-        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => "choose a folder that you may write to with -o",
-        _ => "choose another folder with -o",
-    };
-    Failure::new(USAGE, anyhow::anyhow!("{}: cannot {action}: {e}; {remedy}", path.display()))
+/// The error of a system call on `path`, with the remedy.
+pub fn failure(path: &Path, action: &str, e: &io::Error) -> Failure {
+    use crate::io::{reason, writing};
+    Failure::new(USAGE, anyhow::anyhow!("{}: cannot {action}: {}; {}", path.display(), reason(e), writing(e)))
 }
 
 impl Staging {
@@ -39,6 +59,8 @@ impl Staging {
         let parent = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(parent).map_err(|e| failure(parent, "create the folder", &e))?;
         let aside = parent.join(format!(".{name}.partial-{}", std::process::id()));
+        remove_abandoned(parent, &format!(".{name}.partial-"));
+        open_folders().push(aside.clone());
         fs::create_dir_all(&aside).map_err(|e| failure(&aside, "create the folder", &e))?;
         Ok(Staging { aside, target: target.into(), published: false })
     }
@@ -50,18 +72,25 @@ impl Staging {
 
     /// Puts the folder in its place; earlier results there go only once the new ones are whole.
     pub fn publish(mut self) -> Result<(), Failure> {
+        let mut open = open_folders();
+        open.retain(|f| *f != self.aside);
         let old = self.aside.with_extension("old");
         let had_old = self.target.exists();
         if had_old {
-            fs::rename(&self.target, &old).map_err(|e| failure(&self.target, "move earlier results aside", &e))?;
+            if let Err(e) = fs::rename(&self.target, &old) {
+                drop(open);
+                return Err(failure(&self.target, "move earlier results aside", &e));
+            }
         }
         if let Err(e) = fs::rename(&self.aside, &self.target) {
             if had_old {
                 let _ = fs::rename(&old, &self.target);
             }
+            drop(open);
             return Err(failure(&self.target, "put the results in place", &e));
         }
         self.published = true;
+        drop(open);
         if had_old {
             let _ = fs::remove_dir_all(&old);
         }
@@ -72,7 +101,22 @@ impl Staging {
 impl Drop for Staging {
     fn drop(&mut self) {
         if !self.published {
+            open_folders().retain(|f| *f != self.aside);
             let _ = fs::remove_dir_all(&self.aside);
+        }
+    }
+}
+
+/// Removes what processes that were killed left half-written in `parent`.
+fn remove_abandoned(parent: &Path, prefix: &str) {
+    if !Path::new("/proc/self").exists() {
+        return;
+    }
+    for entry in fs::read_dir(parent).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let id = name.to_str().and_then(|n| n.strip_prefix(prefix)).and_then(|id| id.parse::<u32>().ok());
+        if id.is_some_and(|id| !Path::new(&format!("/proc/{id}")).exists()) {
+            let _ = fs::remove_dir_all(entry.path());
         }
     }
 }

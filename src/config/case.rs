@@ -545,6 +545,24 @@ impl Default for Gates {
 }
 
 impl Case {
+    /// Every file that the case names.
+    pub fn files_mut(&mut self) -> impl Iterator<Item = &mut PathBuf> {
+        let i = &mut self.input;
+        [&mut i.mask, &mut i.probability, &mut i.surface, &mut self.flow.waveform].into_iter().flatten()
+    }
+
+    /// The same case with paths that hold in any folder.
+    #[must_use]
+    pub fn with_absolute_paths(&self) -> Case {
+        let mut case = self.clone();
+        for path in case.files_mut() {
+            if let Ok(whole) = std::path::absolute(&*path) {
+                *path = whole;
+            }
+        }
+        case
+    }
+
     /// A case for a mask with all defaults.
     pub fn for_mask(mask: PathBuf) -> Case {
         Case {

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use super::case::{Case, Labels};
+use super::explain::{explain, locate};
 use super::length::{AutoLength, Unit};
 
 /// Why a case file cannot be used.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum ConfigError {
     /// The file cannot be read.
-    #[error("{file}: {reason}: check the path and its permissions", file = file.display())]
+    #[error("{file}: cannot be read: {reason}; check the path and its permissions", file = file.display())]
     Unreadable {
         /// The file.
         file: PathBuf,
@@ -33,12 +34,14 @@ fn invalid(place: impl Into<String>, message: impl Into<String>) -> ConfigError 
 /// Reads and checks a case file and applies `overrides` of the form `key.path=value`.
 /// Relative paths in it are taken from the file's folder.
 pub fn load(file: &Path, overrides: &[String]) -> Result<Case, ConfigError> {
-    let text = std::fs::read_to_string(file)
-        .map_err(|e| ConfigError::Unreadable { file: file.into(), reason: e.to_string() })?;
+    let bytes = std::fs::read(file).map_err(|e| ConfigError::Unreadable { file: file.into(), reason: crate::io::reason(&e) })?;
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
+        invalid(format!("{}:{line}", file.display()), "a letter of this line is not UTF-8: save the file as UTF-8")
+    })?;
     let mut case = from_text(&text, &file.display().to_string(), overrides)?;
     let base = file.parent().unwrap_or(Path::new("."));
-    let input = &mut case.input;
-    for path in [&mut input.mask, &mut input.probability, &mut input.surface, &mut case.flow.waveform].into_iter().flatten() {
+    for path in case.files_mut() {
         if path.is_relative() {
             *path = base.join(&*path);
         }
@@ -55,11 +58,18 @@ pub fn from_text(text: &str, name: &str, overrides: &[String]) -> Result<Case, C
             apply(&mut value, o)?;
             // Each override is checked by itself, so that the error names the right one.
             case = serde_json::from_value(value.clone()).map_err(|e| {
-                invalid(format!("--set {o}"), with_suggestion(&e.to_string()))
+                invalid(format!("--set {o}"), explain(&e.to_string(), "", 1))
             })?;
         }
     }
-    check(&case, name)?;
+    check(&case).map_err(|(key, message)| {
+        let set = overrides.iter().rfind(|o| o.split('=').next().is_some_and(|k| k.trim() == key));
+        match (set, locate(text, &key)) {
+            (Some(o), _) => invalid(format!("--set {o}"), message),
+            (None, Some((line, column))) => at_place(name, text, line, column, &format!("{key}: {message}")),
+            (None, None) => invalid(name, format!("{key}: {message}")),
+        }
+    })?;
     Ok(case)
 }
 
@@ -100,52 +110,36 @@ fn first_line(text: &str) -> &str {
     text.lines().next().unwrap_or_default()
 }
 
+/// File, line and column, and the line itself with a mark under the column.
+fn at_place(name: &str, text: &str, line: usize, column: usize, message: &str) -> ConfigError {
+    let shown = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
+    if shown.trim().is_empty() {
+        return invalid(format!("{name}:{line}:{column}"), message);
+    }
+    let mark = " ".repeat(column.saturating_sub(1));
+    // Tabs count as one column; shown as one space the mark stays below its letter.
+    let shown = shown.replace('\t', " ");
+    invalid(format!("{name}:{line}:{column}"), format!("{message}\n    {shown}\n    {mark}^"))
+}
+
 fn yaml_error(e: &serde_saphyr::Error, text: &str, name: &str) -> ConfigError {
     let message = first_line(&e.without_snippet().to_string()).to_string();
     // The location is given by itself; the text of the error may repeat it.
     let message = message.split(" at line ").next().unwrap_or(&message).trim_end_matches([':', ',', ' ']).to_string();
     match e.location() {
         Some(at) if at.line() > 0 => {
-            let line = text.lines().nth(at.line() as usize - 1).unwrap_or_default();
-            let place = format!("{name}:{}:{}", at.line(), at.column());
-            let caret = " ".repeat((at.column() as usize).saturating_sub(1));
-            invalid(place, format!("{}\n    {line}\n    {caret}^", with_suggestion(&message)))
+            let (line, column) = (at.line() as usize, at.column() as usize);
+            let shown = text.lines().nth(line - 1).unwrap_or_default();
+            at_place(name, text, line, column, &explain(&message, shown, column))
         }
-        _ => invalid(name, with_suggestion(&message)),
+        _ => invalid(name, explain(&message, "", 1)),
     }
-}
-
-/// Adds the nearest valid key to serde's list of expected ones.
-fn with_suggestion(message: &str) -> String {
-    let Some((head, tail)) = message.split_once(", expected ") else { return message.into() };
-    let Some(wrong) = head.split('`').nth(1).filter(|_| head.starts_with("unknown")) else { return message.into() };
-    let separators = |c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-'));
-    let valid: Vec<&str> = tail.trim_start_matches("one of").split(separators).filter(|v| !v.is_empty()).collect();
-    let nearest = valid.iter().min_by_key(|v| edit_distance(wrong, v));
-    match nearest {
-        Some(n) if edit_distance(wrong, n) <= 1 + wrong.len() / 3 => format!("{message}; did you mean `{n}`?"),
-        _ => message.into(),
-    }
-}
-
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let next = (diagonal + usize::from(ca != *cb)).min(row[j] + 1).min(row[j + 1] + 1);
-            diagonal = row[j + 1];
-            row[j + 1] = next;
-        }
-    }
-    row[b.len()]
 }
 
 /// What types cannot say: ranges and keys that exclude each other.
-fn check(case: &Case, name: &str) -> Result<(), ConfigError> {
-    let fail = |key: &str, message: String| Err(invalid(name, format!("{key}: {message}")));
+/// The error is the key's path and the sentence.
+fn check(case: &Case) -> Result<(), (String, String)> {
+    let fail = |key: &str, message: String| Err((key.to_string(), message));
     let i = &case.input;
     match [&i.mask, &i.probability, &i.surface].iter().filter(|p| p.is_some()).count() {
         1 => {}
@@ -169,7 +163,7 @@ fn check(case: &Case, name: &str) -> Result<(), ConfigError> {
         if v.is_finite() && (lo..=hi).contains(&v) {
             Ok(())
         } else {
-            Err(invalid(name, format!("{key}: {v} is out of range: use {lo} to {hi}")))
+            Err((key.to_string(), format!("{v} is out of range: use {lo} to {hi}")))
         }
     };
     let s = &case.surface;
@@ -197,6 +191,11 @@ fn check(case: &Case, name: &str) -> Result<(), ConfigError> {
     range("volume.memory_limit", case.volume.memory_limit, 0.1, 1e5)?;
     range("flow.blood.density", case.flow.blood.density, 100.0, 20000.0)?;
     range("flow.blood.viscosity", case.flow.blood.viscosity, 1e-6, 10.0)?;
+    let f = &case.flow.inlet;
+    let given = [f.reynolds, f.flow_rate, f.velocity].iter().flatten().count();
+    if given > 1 {
+        return fail("flow.inlet", format!("gives {given} of reynolds, flow_rate and velocity: give one"));
+    }
     if case.flow.outlets.split == super::Split::Fractions {
         let sum: f64 = case.flow.outlets.fractions.iter().sum();
         if (sum - 1.0).abs() > 1e-6 {
@@ -204,9 +203,9 @@ fn check(case: &Case, name: &str) -> Result<(), ConfigError> {
         }
     }
     for (n, p) in case.openings.planes.iter().enumerate() {
-        let bad = |what| fail(&format!("openings[{n}] `{}`", p.name), what);
+        let bad = |what: String| fail(&format!("openings[{n}]"), format!("`{}` {what}", p.name));
         if p.normal.iter().map(|x| x * x).sum::<f64>().sqrt().partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
-            return bad(format!("normal {:?} has no direction: give the direction out of the vessel", p.normal));
+            return bad(format!("has the normal {:?}, which has no direction: give the direction out of the vessel", p.normal));
         }
         let letters = p.name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '_' | '-'));
         if !letters || !p.name.starts_with(|c: char| c.is_ascii_lowercase()) || p.name == "wall" {

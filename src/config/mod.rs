@@ -1,6 +1,7 @@
 //! Case files: YAML as written, its schema, its errors.
 
 mod case;
+mod explain;
 mod length;
 mod load;
 mod openings;

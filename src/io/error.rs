@@ -1,5 +1,6 @@
 //! What can be wrong with a file.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::mask::GridError;
@@ -8,7 +9,7 @@ use crate::mask::GridError;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The file cannot be opened or read.
-    #[error("cannot read {}: {source}", path.display())]
+    #[error("{}: cannot be read: {}; {}", path.display(), reason(source), reading(source))]
     Read {
         /// The file.
         path: PathBuf,
@@ -16,10 +17,20 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The file cannot be written.
-    #[error("cannot write {}: {source}", path.display())]
+    #[error("{}: cannot be written: {}; {}", path.display(), reason(source), writing(source))]
     Write {
         /// The file.
         path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file that a header names for its voxels cannot be read.
+    #[error("{}: the file with its voxels, {}, cannot be read: {}; put it where the header names it, or correct the header", path.display(), data.display(), reason(source))]
+    DataFile {
+        /// The header.
+        path: PathBuf,
+        /// The file that it names.
+        data: PathBuf,
         /// What the system says.
         source: std::io::Error,
     },
@@ -59,6 +70,29 @@ pub enum Error {
         /// What is wrong with the numbers.
         source: GridError,
     },
+}
+
+/// What the system says, without its number.
+pub(crate) fn reason(e: &std::io::Error) -> String {
+    let text = e.to_string();
+    text.split(" (os error").next().unwrap_or_default().to_lowercase()
+}
+
+fn reading(e: &std::io::Error) -> &'static str {
+    match e.kind() {
+        ErrorKind::NotFound => "check the path (relative paths in a case file start at its folder)",
+        ErrorKind::PermissionDenied => "allow yourself to read it",
+        _ => "check the disk or network that holds it, or copy the file",
+    }
+}
+
+/// What to do about a file that cannot be written.
+pub(crate) fn writing(e: &std::io::Error) -> &'static str {
+    match e.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "free some space or choose another folder with -o; earlier results are as they were",
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => "choose a folder that you may write to with -o",
+        _ => "choose another folder with -o",
+    }
 }
 
 impl Error {

@@ -73,7 +73,10 @@ pub(super) fn count(path: &Path, dims: [usize; 3]) -> Result<usize, Error> {
 pub(super) fn read_beside(header: &Path, name: &str, offset: Option<u64>, lines: u64, layout: &Layout) -> Result<Values, Error> {
     use std::io::{BufRead, Seek, SeekFrom};
     let path: PathBuf = header.parent().unwrap_or(Path::new("")).join(name);
-    let (mut file, len) = open(&path)?;
+    let (mut file, len) = open(&path).map_err(|e| match e {
+        Error::Read { source, .. } => Error::DataFile { path: header.into(), data: name.into(), source },
+        other => other,
+    })?;
     let mut at = 0;
     for _ in 0..lines {
         let n = file.skip_until(b'\n').map_err(|e| Error::read(&path, e))?;

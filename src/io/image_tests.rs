@@ -1,5 +1,5 @@
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
@@ -9,7 +9,6 @@ use super::*;
 use crate::geometry::{Point, Vector};
 use crate::io::nrrd::write_mask;
 use crate::mask::Mask;
-use crate::phantom::Random;
 
 /// A folder for the files of one test.
 struct Folder(tempfile::TempDir);
@@ -268,7 +267,7 @@ fn bad_files_are_refused_with_the_file_the_fault_and_the_way_out() {
     let folder = Folder::new();
     let all = |e: &str, words: &[&str]| words.iter().for_each(|w| assert!(e.contains(w), "\"{w}\" is missing in: {e}"));
     let missing = read(folder.0.path().join("absent.nrrd")).expect_err("missing").to_string();
-    all(&missing, &["cannot read", "absent.nrrd", "No such file"]);
+    all(&missing, &["cannot be read", "absent.nrrd", "no such file"]);
     all(&folder.error("x.png", &[b"PNG"]), &["x.png", "format", ".nrrd", ".nii.gz"]);
     all(&folder.error("e.nrrd", &[]), &["e.nrrd", "NRRD0"]);
     all(&folder.error("t.nrrd", &[NRRD.as_bytes(), &voxels()[..20]]), &["24 bytes", "20", "again"]);
@@ -289,7 +288,7 @@ fn bad_files_are_refused_with_the_file_the_fault_and_the_way_out() {
     all(&folder.error("l.nrrd", &[NRRD.replace("sizes: 2 3 4\n", "").as_bytes()]), &["lacks", "sizes"]);
     all(&folder.error("v.nrrd", &[NRRD.replace("uint8", "block").as_bytes()]), &["block", "not supported"]);
     all(&folder.error("a.mha", &[MHA.replace("DimSize = 2 3 4", "DimSize = 2 3").as_bytes()]), &["DimSize = 2 3", "3 numbers"]);
-    all(&folder.error("b.mhd", &[MHA.replace("LOCAL", "gone.raw").as_bytes()]), &["cannot read", "gone.raw"]);
+    all(&folder.error("b.mhd", &[MHA.replace("LOCAL", "gone.raw").as_bytes()]), &["b.mhd", "gone.raw", "cannot be read", "header"]);
     all(&folder.error("c.mha", &[MHA.replace("0.5 0.25 2", "0.5 -0.25 2").as_bytes(), &voxels()]), &["spacing", "-0.25"]);
     all(&folder.error("s.nii", &[&[1, 2, 3]]), &["header", "again"]);
     all(&folder.error("n.nii", &[&[7; 400]]), &["NIfTI header"]);
@@ -300,64 +299,4 @@ fn bad_files_are_refused_with_the_file_the_fault_and_the_way_out() {
     all(&folder.error("p.vti", &[vti("", "").as_bytes()]), &["no array"]);
     std::fs::create_dir(folder.0.path().join("d.nrrd")).expect("folder");
     all(&read(folder.0.path().join("d.nrrd")).expect_err("folder").to_string(), &["d.nrrd", "folder"]);
-}
-
-/// Changes, cuts and doubles bytes of a sound file.
-fn mutate(bytes: &[u8], random: &mut Random) -> Vec<u8> {
-    let mut out = bytes.to_vec();
-    for _ in 0..1 + random.bits() % 4 {
-        let at = (random.bits() as usize) % out.len();
-        match random.bits() % 6 {
-            0 => out[at] = random.bits() as u8,
-            1 => out[at] = b"0123456789-.()\n :=<>"[(random.bits() % 20) as usize],
-            2 => out[at] ^= 1 << (random.bits() % 8),
-            3 => out.truncate(at + 1),
-            4 => out.insert(at, b'9'),
-            _ => {
-                out.remove(at);
-                if out.is_empty() {
-                    out.push(0);
-                }
-            }
-        }
-    }
-    out
-}
-
-#[test]
-fn damaged_files_never_panic_and_never_give_an_image_of_the_wrong_size() {
-    let folder = Folder::new();
-    let text: String = voxels().iter().map(|v| format!("{v} ")).collect();
-    let sound: [(&str, Vec<u8>); 8] = [
-        ("m.nrrd", [NRRD.as_bytes(), &voxels()].concat()),
-        ("g.nrrd", [NRRD.replace("raw", "gzip").as_bytes(), &gzip(&voxels())].concat()),
-        ("m.mha", [MHA.as_bytes(), &voxels()].concat()),
-        ("z.mha", [MHA.replace("CompressedData = False", "CompressedData = True").as_bytes(), &zlib(&voxels())].concat()),
-        ("m.nii", [nifti1(|_| ()), voxels()].concat()),
-        ("m.nii.gz", gzip(&[nifti1(|_| ()), voxels()].concat())),
-        ("a.vti", vti(&format!("<DataArray Name=\"m\" type=\"UInt8\" format=\"ascii\">{text}</DataArray>"), "").into_bytes()),
-        ("b.vti", vti("<DataArray Name=\"m\" type=\"UInt8\" format=\"binary\">GAAAAAABAgMEBQYHCAkKCwwNDg8QERITFBUWFw==</DataArray>", "").into_bytes()),
-    ];
-    for (name, bytes) in &sound {
-        assert_eq!(folder.read(name, &[bytes]).values.len(), 24, "{name}");
-        let mut random = Random::new(name.len() as u64 + 11);
-        let path: &Path = &folder.0.path().join(name);
-        let mut refused = 0;
-        for _ in 0..cases() {
-            std::fs::write(path, mutate(bytes, &mut random)).expect("write");
-            match read(path) {
-                Ok(image) => assert_eq!(image.values.len(), image.grid.len(), "{name}"),
-                Err(e) => {
-                    refused += 1;
-                    assert!(e.to_string().len() > 20);
-                }
-            }
-        }
-        assert!(refused > cases() / 20, "{name}: {refused} refused");
-    }
-}
-
-/// Number of damaged files a format; `LUMENMESH_FUZZ_CASES` asks for more than a quick run has.
-fn cases() -> usize {
-    std::env::var("LUMENMESH_FUZZ_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(300)
 }

@@ -24,3 +24,6 @@ pub mod vtp;
 pub mod vtu;
 
 pub use error::Error;
+pub(crate) use error::reason;
+#[cfg(feature = "cli")]
+pub(crate) use error::writing;

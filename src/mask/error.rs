@@ -20,7 +20,7 @@ pub enum Error {
         present: String,
     },
     /// Cleaning left nothing.
-    #[error("nothing is left of the mask after dropping components below {min_voxels} voxels (the largest has {largest}): lower that bound")]
+    #[error("nothing is left of the mask after dropping components below {min_voxels} voxels (the largest has {largest}): lower `input.cleaning.min_island`")]
     NothingLeft {
         /// Smallest component that stays.
         min_voxels: usize,

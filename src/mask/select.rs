@@ -27,7 +27,7 @@ pub enum Selection {
 impl std::fmt::Display for Selection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Selection::NonZero => write!(f, "non-zero"),
+            Selection::NonZero => write!(f, "the rule that every voxel but 0 is lumen"),
             Selection::Label(l) => write!(f, "label {}", list(l)),
             Selection::Threshold { lower, upper } => {
                 let bound = |b: &Option<f64>, none: &str| b.map_or(none.to_owned(), |x| x.to_string());

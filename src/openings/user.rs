@@ -92,13 +92,13 @@ pub enum UserError {
         share: f64,
     },
     /// A name in `drop`, `rename` or `inlet` is unknown.
-    #[error("there is no opening `{name}` to {wish}; there are: {known}")]
+    #[error("there is no opening `{name}` to {wish}: {known}")]
     UnknownName {
         /// As given.
         name: String,
         /// What was wished.
         wish: &'static str,
-        /// Names that exist.
+        /// Names that exist, in words.
         known: String,
     },
     /// Two openings share a name.
@@ -116,7 +116,10 @@ pub fn apply_user(
     let mut warnings = Vec::new();
     let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let area = |o: &Opening| section(mask, &o.plane, 4.0 * o.radius + 2.0 * voxel).map_or(0.0, |s| s.area);
-    let known = |list: &[Sized]| list.iter().map(|s| s.opening.name.as_str()).collect::<Vec<_>>().join(", ");
+    let known = |list: &[Sized]| match list {
+        [] => "none was found".into(),
+        _ => format!("there are {}", list.iter().map(|s| s.opening.name.as_str()).collect::<Vec<_>>().join(", ")),
+    };
     let mut list: Vec<Sized> =
         detected.into_iter().map(|opening| Sized { area: area(&opening), opening, fixed: false }).collect();
     for name in &user.drop {

@@ -23,6 +23,14 @@ pub enum Error {
     /// A file cannot be read or written.
     #[error(transparent)]
     File(#[from] io::Error),
+    /// The file's mask is unusable.
+    #[error("{}: {source}", path.display())]
+    Selection {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong.
+        source: mask::Error,
+    },
     /// The mask is unusable.
     #[error(transparent)]
     Mask(#[from] mask::Error),
@@ -80,7 +88,8 @@ impl Error {
     /// The kind of failure.
     pub fn kind(&self) -> ErrorKind {
         match self {
-            Error::File(_) | Error::Mask(_) => ErrorKind::Input,
+            Error::File(io::Error::Write { .. }) => ErrorKind::Configuration,
+            Error::File(_) | Error::Mask(_) | Error::Selection { .. } => ErrorKind::Input,
             Error::Configuration(_) | Error::Flow(_) => ErrorKind::Configuration,
             Error::Interrupted | Error::Volume(volume::Error::Cancelled) => ErrorKind::Interrupted,
             Error::Volume(volume::Error::Surface(_)) => ErrorKind::Geometry,

@@ -95,6 +95,7 @@ pub struct Attempt {
     /// TetGen's switches.
     pub switches: String,
     /// Seconds it took.
+    #[serde(skip_serializing)]
     pub seconds: f64,
     /// Why it was not good; nothing where it was.
     pub failure: Option<String>,

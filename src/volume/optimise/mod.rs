@@ -75,6 +75,7 @@ pub struct OptimiseSummary {
     /// Passes over the bad tetrahedra.
     pub passes: u32,
     /// Seconds.
+    #[serde(skip_serializing)]
     pub seconds: f64,
 }
 
