@@ -1,6 +1,7 @@
 //! The stages in order, as in the paper's Figure 2; progress, timing, cancellation.
 
 mod error;
+mod explain;
 mod gates;
 mod options;
 mod results;
@@ -162,11 +163,16 @@ impl Clock<'_> {
 pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
     let mut clock = Clock { context, stages: Vec::new() };
     let mut report = Report::default();
+    if context.stop_after >= Stage::Exports {
+        // A fault in what only the last stage needs shows before hours of meshing.
+        results::flow_options(case)?;
+    }
 
     let raw = clock.run("read", || read(case, &mut report), |m| format!("{} lumen voxels", m.count()))?;
     let (cleaned, cleaning) =
         clock.run("clean", || mask::clean(&raw, &options::cleaning(case)), |(m, _)| format!("{} lumen voxels", m.count()))?;
     drop(raw);
+    explain::cleaning(&cleaning).iter().for_each(|line| context.progress.explain(line));
     report.put("cleaning", &cleaning);
     let mut outcome = Outcome {
         report,
@@ -195,7 +201,7 @@ fn read(case: &Case, report: &mut Report) -> Result<Mask, Error> {
     let image = io::image::read(path)?;
     // A file that names its own unit is believed.
     let image = if image.stated_unit.is_none() { image.with_unit(options::unit(case.input.units)) } else { image };
-    let mask = mask::select(&image, &options::selection(case))?;
+    let mask = mask::select(&image, &options::selection(case)).map_err(|source| Error::Selection { path: path.clone(), source })?;
     report.put("input", &results::provenance(path, &image, &mask));
     Ok(mask)
 }
@@ -213,6 +219,7 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
         clock.run("openings", || cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
     }
     outcome.openings = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
+    outcome.openings.iter().for_each(|o| context.progress.explain(&explain::opening(o)));
     outcome.centerlines = results::joined_centerlines(&parts);
     let surface = results::joined_surface(&parts);
 
@@ -242,6 +249,7 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
     outcome.report.put_in("fidelity", "radius", &fidelity.1);
     gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();
+    outcome.curvature = results::gaussian_curvature(&parts);
     outcome.surface_skewness = quality.per_triangle;
 
     if context.stop_after >= Stage::Volume {

@@ -101,6 +101,7 @@ impl From<StageArg> for Stage {
 
 /// Arguments of `run`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = RUN_EXAMPLES)]
 pub struct RunArgs {
     /// Case file (YAML).
     pub case: PathBuf,
@@ -114,6 +115,7 @@ pub struct RunArgs {
 
 /// Arguments of `mesh`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = MESH_EXAMPLES)]
 pub struct MeshArgs {
     /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or closed surface (.stl, .vtp, .ply).
     pub input: PathBuf,
@@ -127,6 +129,7 @@ pub struct MeshArgs {
 
 /// Arguments of `check`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = CHECK_EXAMPLES)]
 pub struct CheckArgs {
     /// Meshes: STL, VTP, PLY, VTU, OpenFOAM case folder, FLUENT or Gmsh .msh.
     #[arg(required = true)]
@@ -148,23 +151,62 @@ pub struct PhantomArgs {
 
 /// Arguments of `batch`.
 #[derive(Debug, Clone, Args)]
+#[command(after_help = BATCH_EXAMPLES)]
 pub struct BatchArgs {
-    /// Case files or masks.
+    /// Case files, masks or surfaces.
     #[arg(required = true)]
     pub cases: Vec<PathBuf>,
-    /// Folder for the cohort: one folder a case, cohort.html, cohort.csv.
+    /// Folder for the cohort: one folder a case, cohort.html, cohort.csv; NAME.log where a case failed.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// Cases at a time; the threads are shared among them. Default 1.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    /// Change a key in every case.
+    #[arg(long = "set", value_name = "KEY.PATH=VALUE", help_heading = "Cases")]
+    pub set: Vec<String>,
+    /// Run every case once for each value; several sweeps give all combinations.
+    #[arg(long, value_name = "KEY.PATH=VALUE,VALUE", allow_hyphen_values = true, help_heading = "Cases")]
+    pub sweep: Vec<String>,
+    /// Run nothing: write cohort.html and cohort.csv from the folders that are there (for cohorts on a cluster).
+    #[arg(long, help_heading = "Cases")]
+    pub collect: bool,
+    /// Cases at a time; the threads are shared among them.
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Running")]
     pub jobs: usize,
     /// Threads in all. Default: all cores.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = "Running")]
     pub threads: Option<usize>,
-    /// Change a key in every case.
-    #[arg(long = "set", value_name = "KEY.PATH=VALUE")]
-    pub set: Vec<String>,
+    /// Memory that all runs together may take, GiB: a case waits until its likely share is free. Default: 80 % of what is free.
+    #[arg(long, value_name = "GIB", help_heading = "Running")]
+    pub memory: Option<f64>,
 }
+
+const RUN_EXAMPLES: &str = "\
+Examples:
+  lumenmesh run case.yaml -o out
+  lumenmesh run case.yaml --set \"surface.edge_length=0.3 mm\" --set volume.boundary_layers.count=4
+  lumenmesh run case.yaml --stop-after surface -v
+
+Lengths carry their unit: mm, cm, m, um, voxels, R (local radius), D (local diameter).
+`lumenmesh reference` lists every key.";
+
+const MESH_EXAMPLES: &str = "\
+Examples:
+  lumenmesh mesh aneurysm.nrrd -o out
+  lumenmesh mesh segmentation.nii.gz -o out --set input.label=2
+  lumenmesh mesh carotid.mha -o out --set surface.scale=1.5 --set exports=[vtk,openfoam]";
+
+const CHECK_EXAMPLES: &str = "\
+Examples:
+  lumenmesh check wall.stl volume.vtu
+  lumenmesh check openfoam/ --json";
+
+const BATCH_EXAMPLES: &str = "\
+Examples:
+  lumenmesh batch masks/*.nii.gz -o cohort --jobs 2
+  lumenmesh batch cases/*/case.yaml -o cohort        run again after a kill: what is done is kept
+  lumenmesh batch aneurysm.nrrd -o sweep --sweep reconstruction.offset=-0.25,0,0.25 --sweep surface.scale=1.4,1
+
+An offset is in voxel diagonals: how the mesh answers to a surface moved by a part of a voxel.
+The exit code is that of the worst case.";
 
 /// Arguments of `validate`.
 #[derive(Debug, Clone, Args)]

@@ -8,6 +8,7 @@ mod exit;
 mod output;
 mod phantom;
 mod run;
+pub mod slicer;
 mod text;
 
 use std::process::ExitCode;
@@ -19,10 +20,11 @@ pub use exit::Failure;
 
 /// Parses the arguments and runs the command; the exit code is as in the contract.
 pub fn main() -> ExitCode {
-    // The volume engine's worker is this binary too; it talks over its pipes and takes no arguments of ours.
-    if std::env::args().nth(1).as_deref() == Some(crate::volume::worker::ARGUMENT) {
-        let code = crate::volume::worker::serve();
-        return ExitCode::from(u8::try_from(code).unwrap_or(1));
+    if let Some(code) = worker() {
+        return code;
+    }
+    if std::env::var_os(batch::WITH_PARENT).is_some() {
+        end_with_parent();
     }
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
@@ -40,6 +42,19 @@ pub fn main() -> ExitCode {
             ExitCode::from(e.code())
         }
     }
+}
+
+/// Serves as the volume engine's worker where this process was started as that: the worker is this binary too, it talks
+/// over its pipes and takes no arguments of ours.
+fn worker() -> Option<ExitCode> {
+    (std::env::args().nth(1).as_deref() == Some(crate::volume::worker::ARGUMENT))
+        .then(|| ExitCode::from(u8::try_from(crate::volume::worker::serve()).unwrap_or(1)))
+}
+
+/// Has the system interrupt this process when its parent ends, so that no work goes on that nobody waits for.
+fn end_with_parent() {
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM));
 }
 
 /// Runs a parsed command and gives its exit code.

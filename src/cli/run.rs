@@ -19,15 +19,19 @@ pub fn run(args: &RunArgs) -> Result<u8, Failure> {
 
 /// `lumenmesh mesh MASK`
 pub fn mesh(args: &MeshArgs) -> Result<u8, Failure> {
-    let name = args.input.to_string_lossy().to_lowercase();
+    execute(&case_for(&args.input, &args.common.set)?, &args.output, &args.common)
+}
+
+/// The case of a mask or surface with all defaults but `set`.
+pub fn case_for(input: &Path, set: &[String]) -> Result<Case, Failure> {
+    let name = input.to_string_lossy().to_lowercase();
     let surface = [".stl", ".vtp", ".ply"].iter().any(|e| name.ends_with(e));
-    let case = if surface { Case::for_surface(args.input.clone()) } else { Case::for_mask(args.input.clone()) };
-    let case = config::from_text(&config::to_yaml(&case)?, "the command line", &args.common.set)?;
-    execute(&case, &args.output, &args.common)
+    let case = if surface { Case::for_surface(input.into()) } else { Case::for_mask(input.into()) };
+    Ok(config::from_text(&config::to_yaml(&case)?, "the command line", set)?)
 }
 
 fn execute(case: &Case, output: &Path, common: &Common) -> Result<u8, Failure> {
-    console::catch_interrupt();
+    console::catch_interrupt(console::PATIENCE);
     if common.threads == Some(0) {
         return Err(Failure::usage("--threads 0: give at least 1"));
     }

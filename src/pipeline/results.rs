@@ -69,6 +69,22 @@ pub(super) fn joined_surface(parts: &[Part]) -> TriMesh {
     all
 }
 
+/// Gaussian curvature of the implicit wall at each vertex of the joined surface, 1/mm²; 0 inside caps, which are flat.
+pub(super) fn gaussian_curvature(parts: &[Part]) -> Vec<f64> {
+    let of_part = |part: &Part| {
+        let mut on_wall = vec![false; part.surface.points.len()];
+        for (t, patch) in part.surface.triangles.iter().zip(&part.surface.patch) {
+            if *patch == crate::mesh::WALL {
+                t.iter().for_each(|v| on_wall[*v as usize] = true);
+            }
+        }
+        let mut curvature = crate::quality::curvature::of_implicit(&part.surface.points, part.implicit.as_ref()).gaussian;
+        curvature.iter_mut().zip(on_wall).filter(|(_, wall)| !wall).for_each(|(k, _)| *k = 0.0);
+        curvature
+    };
+    parts.iter().flat_map(of_part).collect()
+}
+
 /// The centerlines of all components.
 pub(super) fn joined_centerlines(parts: &[Part]) -> Centerlines {
     let mut all = Centerlines::default();
@@ -156,7 +172,7 @@ pub fn write(outcome: &Outcome, case: &Case, dir: &Path, context: &Context) -> R
     report.run.stages.push(crate::report::StageTime { name: "write".into(), seconds: start.elapsed().as_secs_f64() });
     report.run.peak_memory_bytes = peak_memory();
     report.run.threads = rayon::current_num_threads();
-    let yaml = crate::config::to_yaml(case).map_err(|e| Error::Configuration(e.to_string()))?;
+    let yaml = crate::config::to_yaml(&case.with_absolute_paths()).map_err(|e| Error::Configuration(e.to_string()))?;
     let text = |name: &str, text: &str| -> Result<(), Error> {
         let path = dir.join(name);
         std::fs::write(&path, text).map_err(|e| crate::io::Error::write(&path, e).into())
@@ -175,6 +191,8 @@ pub fn write(outcome: &Outcome, case: &Case, dir: &Path, context: &Context) -> R
             case: &yaml,
         };
         text("report.html", &html::page(&report, &scene))?;
+        let path = dir.join("thumbnail.png");
+        std::fs::write(&path, html::thumbnail(surface)).map_err(|e| crate::io::Error::write(&path, e))?;
     }
     text("report.json", &report.to_json())?;
     Ok(report)
@@ -284,8 +302,8 @@ fn exports(volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) ->
     Ok(())
 }
 
-/// The flow through the openings; `None` where nothing can flow.
-fn flow_plan(case: &Case, faces: &FaceList<'_>) -> Result<Option<(FlowOptions, FlowPlan)>, Error> {
+/// The flow as the case asks for it.
+pub(super) fn flow_options(case: &Case) -> Result<FlowOptions, Error> {
     let waveform = match &case.flow.waveform {
         Some(path) => {
             let text = std::fs::read_to_string(path).map_err(|e| crate::io::Error::read(path, e))?;
@@ -293,7 +311,12 @@ fn flow_plan(case: &Case, faces: &FaceList<'_>) -> Result<Option<(FlowOptions, F
         }
         None => None,
     };
-    let options = super::options::flow(case, waveform).map_err(Error::Configuration)?;
+    super::options::flow(case, waveform).map_err(Error::Configuration)
+}
+
+/// The flow through the openings; `None` where nothing can flow.
+fn flow_plan(case: &Case, faces: &FaceList<'_>) -> Result<Option<(FlowOptions, FlowPlan)>, Error> {
+    let options = flow_options(case)?;
     match FlowPlan::resolve(&options, faces) {
         Ok(plan) => Ok(Some((options, plan))),
         Err(FlowError::NoOpening(_)) => Ok(None),

@@ -4,6 +4,8 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
+use super::html::base64;
+
 /// One case of a cohort.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
@@ -17,10 +19,12 @@ pub struct Row {
     pub problem: String,
     /// Figures in the order of [`COLUMNS`]; `None` where the run did not get there.
     pub figures: Vec<Option<f64>>,
+    /// PNG of the surface, seen from the front.
+    pub picture: Option<Vec<u8>>,
 }
 
 /// Column title and the path of the figure in report.json.
-pub const COLUMNS: [(&str, &[&str]); 9] = [
+pub const COLUMNS: [(&str, &[&str]); 10] = [
     ("triangles", &["surface", "faces"]),
     ("S max", &["surface", "s_max"]),
     ("S mean", &["surface", "s_mean"]),
@@ -30,6 +34,7 @@ pub const COLUMNS: [(&str, &[&str]); 9] = [
     ("cells", &["volume", "cells"]),
     ("S_V max", &["volume", "sv_max"]),
     ("S_V mean", &["volume", "sv_mean"]),
+    ("OpenFOAM non-orthogonality", &["volume", "non_orthogonality"]),
 ];
 
 impl Row {
@@ -52,12 +57,18 @@ impl Row {
         let code = if hard.is_empty() { 0 } else { 6 };
         let advisory = missed(false);
         let problem = hard.into_iter().chain(advisory.into_iter().map(|a| format!("({a})"))).collect::<Vec<_>>().join("; ");
-        Row { name: name.into(), code, kept, problem, figures }
+        Row { name: name.into(), code, kept, problem, figures, picture: None }
+    }
+
+    /// The row with a picture.
+    #[must_use]
+    pub fn with_picture(self, picture: Option<Vec<u8>>) -> Row {
+        Row { picture, ..self }
     }
 
     /// A case that ended with an error.
     pub fn failed(name: &str, code: i32, problem: String) -> Row {
-        Row { name: name.into(), code, kept: false, problem, figures: vec![None; COLUMNS.len()] }
+        Row { name: name.into(), code, kept: false, problem, figures: vec![None; COLUMNS.len()], picture: None }
     }
 
     /// The outcome in words.
@@ -127,7 +138,9 @@ pub fn html(rows: &[Row]) -> String {
         "<title>lumenmesh cohort</title><style>:root{color-scheme:light dark;--line:color-mix(in srgb,currentColor 20%,transparent)}",
         "body{font:15px/1.45 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem}table{border-collapse:collapse;width:100%}",
         "th,td{text-align:right;padding:.35rem .6rem;border-bottom:1px solid var(--line)}th:first-child,td:first-child,td:last-child,th:last-child{text-align:left}",
-        "img{height:72px;display:block}.bad{font-weight:700}.bad::before{content:\"✗ \"}.good::before{content:\"✓ \"}</style>\n",
+        "td:nth-child(2),th:nth-child(2){text-align:left}td:last-child{min-width:14rem;white-space:pre-line}.scroll{overflow-x:auto}",
+        "img{height:84px;display:block;border-radius:.3rem;background:#fff}.soft{opacity:.7}.bad{font-weight:700}.bad::before{content:\"✗ \"}.good::before{content:\"✓ \"}",
+        "@media print{body{max-width:none;font-size:10px}tr{break-inside:avoid}}</style>\n",
     ));
     let met = rows.iter().filter(|r| r.code == 0).count();
     let _ = writeln!(out, "<h1>Cohort: {met} of {} cases met all hard gates</h1>", rows.len());
@@ -146,7 +159,8 @@ pub fn html(rows: &[Row]) -> String {
         }
         out.push_str("</ul>\n");
     }
-    out.push_str("<table><thead><tr><th>case<th>verdict");
+    out.push_str("<p class=soft>Worst first: failures, then missed gates, then by falling S max. S: equi-angle skewness of the triangles, S_V: equi-volume skewness of the tetrahedra. Advisory limits that are missed stand in brackets.</p>\n");
+    out.push_str("<div class=scroll><table><thead><tr><th>case<th>surface<th>verdict");
     for (title, _) in COLUMNS {
         let _ = write!(out, "<th>{title}");
     }
@@ -154,7 +168,15 @@ pub fn html(rows: &[Row]) -> String {
     for r in rows {
         let class = if r.code == 0 { "good" } else { "bad" };
         let name = escape(&r.name);
-        let _ = write!(out, "<tr><td><a href=\"{name}/report.html\">{name}</a><td class={class}>{}", r.verdict());
+        let link = match r.figures.iter().any(Option::is_some) {
+            true => format!("<a href=\"{name}/report.html\">{name}</a>"),
+            false => format!("<a href=\"{name}.log\">{name}</a>"),
+        };
+        let picture = match &r.picture {
+            Some(png) => format!("<a href=\"{name}/report.html\"><img alt=\"surface of {name}\" src=\"data:image/png;base64,{}\"></a>", base64(png)),
+            None => String::new(),
+        };
+        let _ = write!(out, "<tr><td>{link}<td>{picture}<td class={class}>{}", r.verdict());
         for f in &r.figures {
             let text = match f {
                 Some(f) if f.fract() == 0.0 => format!("{f}"),
@@ -165,7 +187,7 @@ pub fn html(rows: &[Row]) -> String {
         }
         let _ = writeln!(out, "<td>{}", escape(&r.problem));
     }
-    out.push_str("</table></html>\n");
+    out.push_str("</table></div></html>\n");
     out
 }
 
@@ -173,7 +195,9 @@ pub fn html(rows: &[Row]) -> String {
 fn cause(problem: &str) -> String {
     let first = problem.lines().next().unwrap_or_default();
     let first = first.strip_prefix("error: ").unwrap_or(first);
-    let first = first.rsplit_once(": ").filter(|(head, _)| head.contains('/')).map_or(first, |(_, tail)| tail);
+    // The file's name, with line and column where it is a case file.
+    let named = |head: &str| !head.contains(' ') && head.contains(['/', '.']);
+    let first = first.split_once(": ").filter(|(head, _)| named(head)).map_or(first, |(_, tail)| tail);
     first.chars().map(|c| if c.is_ascii_digit() { '#' } else { c }).collect()
 }
 
@@ -195,6 +219,18 @@ mod tests {
         assert_eq!(names, ["broken", "missed", "worse", "good"]);
         assert_eq!(csv(&rows).lines().count(), 5);
         assert!(html(&rows).contains("2 of 4 cases"));
+    }
+
+    #[test]
+    fn equal_causes_in_different_files_are_one_group() {
+        let failed = |name: &str, text: &str| Row::failed(name, 3, text.into());
+        let rows = [
+            failed("a", "error: masks/a.nrrd: the mask is empty: no voxel is selected by label 7"),
+            failed("b", "error: masks/b.nrrd: the mask is empty: no voxel is selected by label 7"),
+            failed("c", "error: c.nrrd: cannot be read: no such file"),
+        ];
+        let page = html(&rows);
+        assert!(page.contains("(2): a, b") && page.contains("(1): c"), "{page}");
     }
 
     #[test]

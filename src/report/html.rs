@@ -8,7 +8,7 @@ use flate2::write::ZlibEncoder;
 use serde_json::Value;
 
 use super::cohort::escape;
-use super::picture::{patch_colour, render, viridis};
+use super::picture::{diverging, patch_colour, render, viridis};
 use super::{Report, Status};
 use crate::geometry::{Point, Vector};
 use crate::mesh::{TriMesh, VolumeMesh};
@@ -47,10 +47,10 @@ pub fn page(report: &Report, scene: &Scene) -> String {
         escape(&scene.title)
     );
     head(&mut out, report, &json, &scene.title);
-    viewer(&mut out, scene);
+    viewer(&mut out, scene, &json);
     stills(&mut out, scene);
     gates(&mut out, report);
-    histograms(&mut out, &json);
+    histograms(&mut out, &json, scene);
     worst(&mut out, &json);
     fidelity(&mut out, &json);
     openings(&mut out, &json);
@@ -144,7 +144,7 @@ fn pack_f32<'a>(out: &mut String, id: &str, values: impl Iterator<Item = &'a f64
 }
 
 /// RFC 4648.
-fn base64(bytes: &[u8]) -> String {
+pub(super) fn base64(bytes: &[u8]) -> String {
     const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for chunk in bytes.chunks(3) {
@@ -157,7 +157,7 @@ fn base64(bytes: &[u8]) -> String {
     out
 }
 
-fn viewer(out: &mut String, scene: &Scene) {
+fn viewer(out: &mut String, scene: &Scene, json: &Value) {
     out.push_str(concat!(
         "<section id=viewer><h2>Mesh</h2><div class=bar><label>colour <select id=field><option value=patch>patch<option value=skewness>equi-angle skewness",
         "<option value=deviation>deviation<option value=curvature>Gaussian curvature</select></label><label><input type=checkbox id=show-edges checked> edges</label>",
@@ -165,6 +165,7 @@ fn viewer(out: &mut String, scene: &Scene) {
         "<input type=range id=cut-at min=0 max=1000 value=500 aria-label=\"position of the cut\"><button id=home>reset view</button></div>",
         "<div id=view><div id=legend></div></div><p class=soft>Drag to turn, wheel to zoom, right button to move.</p>\n",
     ));
+    one_click(out, json);
     let s = scene.surface;
     let patches: Vec<Value> = s.patches.iter().map(|p| serde_json::json!({"id": p.id, "name": p.name})).collect();
     let limit = 0.75;
@@ -192,20 +193,49 @@ fn viewer(out: &mut String, scene: &Scene) {
     out.push_str("</section>\n");
 }
 
+/// A small picture of the surface by patch (PNG), for lists of many cases.
+pub fn thumbnail(surface: &TriMesh) -> Vec<u8> {
+    render(surface, Vector::y(), 224, 168, |t| patch_colour(surface.patch[t]))
+}
+
+/// The value below which `q` of the magnitudes lie; never 0.
+fn magnitude(values: &[f64], q: f64) -> f64 {
+    let mut all: Vec<f64> = values.iter().map(|v| v.abs()).filter(|v| v.is_finite()).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(((all.len().saturating_sub(1)) as f64 * q) as usize).copied().unwrap_or(1.0).max(1e-12)
+}
+
 fn stills(out: &mut String, scene: &Scene) {
-    out.push_str("<h2>Pictures</h2><div class=stills>");
+    out.push_str("<section class=pictures><h2>Pictures</h2><div class=stills>");
     let s = scene.surface;
     let by_patch = |t: usize| patch_colour(s.patch[t]);
     let by_skewness = |t: usize| viridis(scene.skewness[t] / 0.75);
-    let pictures = [
-        ("patches, from the front", render(s, Vector::y(), 480, 360, by_patch)),
-        ("patches, from the side", render(s, Vector::x(), 480, 360, by_patch)),
-        ("equi-angle skewness from 0 (dark) to 0.75 (yellow)", render(s, Vector::y(), 480, 360, by_skewness)),
+    let at_corners = |values: &[f64], t: usize| s.triangles[t].iter().map(|v| values[*v as usize]).sum::<f64>() / 3.0;
+    let mut pictures = vec![
+        ("patches, from the front".to_string(), render(s, Vector::y(), 480, 360, by_patch)),
+        ("patches, from the side".into(), render(s, Vector::x(), 480, 360, by_patch)),
+        ("equi-angle skewness from 0 (dark) to 0.75 (yellow)".into(), render(s, Vector::y(), 480, 360, by_skewness)),
     ];
-    for (caption, png) in pictures {
-        let _ = write!(out, "<figure style=\"margin:0\"><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption class=soft>{caption}</figcaption></figure>", base64(&png));
+    if scene.deviation.len() == s.points.len() {
+        let by_deviation = |t: usize| diverging(0.5 + at_corners(&scene.deviation, t));
+        let caption = "deviation from the mask from -0.5 (blue, inside) to 0.5 voxel diagonals (orange, outside)";
+        pictures.push((caption.into(), render(s, Vector::y(), 480, 360, by_deviation)));
     }
-    out.push_str("</div>\n");
+    if scene.curvature.len() == s.points.len() {
+        let m = magnitude(scene.curvature, 0.95);
+        let by_curvature = |t: usize| diverging(0.5 + 0.5 * at_corners(scene.curvature, t) / m);
+        let caption = format!("Gaussian curvature from {} (blue, saddle) to {} / mm² (orange, dome)", short(-m), short(m));
+        pictures.push((caption, render(s, Vector::y(), 480, 360, by_curvature)));
+    }
+    for (caption, png) in pictures {
+        let _ = write!(out, "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption class=soft>{caption}</figcaption></figure>", base64(&png));
+    }
+    out.push_str("</div><p class=soft>");
+    for p in &s.patches {
+        let [r, g, b] = patch_colour(p.id).map(|c| (c * 255.0).round());
+        let _ = write!(out, "<span class=key><i style=\"background:rgb({r},{g},{b})\"></i>{}</span> ", escape(&p.name));
+    }
+    out.push_str("</p></section>\n");
 }
 
 fn gates(out: &mut String, report: &Report) {
@@ -222,24 +252,48 @@ fn gates(out: &mut String, report: &Report) {
     out.push_str("</table></div>\n");
 }
 
-fn histograms(out: &mut String, json: &Value) {
-    let charts = [("Equi-angle skewness of the triangles", json.pointer("/surface/histogram"), 0.75), ("Equi-volume skewness of the tetrahedra", json.pointer("/volume/histogram"), 0.8)];
+/// Counts of `values` in bins of equal width from `low` to `high`; what lies beyond falls into the outer bins.
+fn counts(values: &[f64], low: f64, high: f64, bins: usize) -> Vec<f64> {
+    let mut counts = vec![0.0; bins];
+    for v in values.iter().filter(|v| v.is_finite()) {
+        let at = ((v - low) / (high - low) * bins as f64).clamp(0.0, bins as f64 - 1.0);
+        counts[at as usize] += 1.0;
+    }
+    counts
+}
+
+fn histograms(out: &mut String, json: &Value, scene: &Scene) {
+    let of_report = |path: &str| -> Option<Vec<f64>> {
+        let data = json.pointer(path)?;
+        let counts = data.get("counts").unwrap_or(data).as_array()?;
+        Some(counts.iter().map(|c| c.as_f64().unwrap_or(0.0)).collect())
+    };
+    let deviation = (!scene.deviation.is_empty()).then(|| counts(&scene.deviation, -1.0, 1.0, 40));
+    // Title, counts, range, and the limit.
+    let charts = [
+        ("Equi-angle skewness of the triangles", of_report("/surface/histogram"), [0.0, 1.0], Some(0.75)),
+        ("Equi-volume skewness of the tetrahedra", of_report("/volume/histogram"), [0.0, 1.0], Some(0.8)),
+        ("Deviation of the vertices from the mask (voxel diagonals)", deviation, [-1.0, 1.0], None),
+    ];
     if charts.iter().all(|c| c.1.is_none()) {
         return;
     }
-    out.push_str("<h2>Skewness</h2><div class=charts>");
-    for (title, data, mark) in charts {
-        let Some(counts) = data.and_then(|d| d.get("counts").or(Some(d))).and_then(Value::as_array) else { continue };
-        let counts: Vec<f64> = counts.iter().map(|c| c.as_f64().unwrap_or(0.0)).collect();
+    out.push_str("<h2>Histograms</h2><div class=charts>");
+    for (title, data, [low, high], mark) in charts {
+        let Some(counts) = data else { continue };
         let top = counts.iter().copied().fold(1.0, f64::max);
         let width = 400.0 / counts.len().max(1) as f64;
-        let _ = write!(out, "<figure style=\"margin:0\"><svg viewBox=\"0 0 440 210\" role=img aria-label=\"{title}\"><text x=20 y=16>{title}</text>");
+        let _ = write!(out, "<figure><svg viewBox=\"0 0 440 210\" role=img aria-label=\"{title}\"><text x=20 y=16>{title}</text>");
         for (i, c) in counts.iter().enumerate() {
             let h = 150.0 * c / top;
-            let _ = write!(out, "<rect class=b x={:.1} y={:.1} width={:.1} height={h:.1}><title>{c}</title></rect>", 20.0 + i as f64 * width, 180.0 - h, width * 0.9);
+            let from = low + (high - low) * i as f64 / counts.len() as f64;
+            let _ = write!(out, "<rect class=b x={:.1} y={:.1} width={:.1} height={h:.1}><title>{c} from {from:.3}</title></rect>", 20.0 + i as f64 * width, 180.0 - h, width * 0.9);
         }
-        let x = 20.0 + 400.0 * mark;
-        let _ = write!(out, "<line class=l x1={x} x2={x} y1=28 y2=180 /><text x={x} y=196 text-anchor=middle>{mark}</text><text x=20 y=196>0</text><text x=420 y=196 text-anchor=end>1</text></svg></figure>");
+        if let Some(mark) = mark {
+            let x = 20.0 + 400.0 * (mark - low) / (high - low);
+            let _ = write!(out, "<line class=l x1={x} x2={x} y1=28 y2=180 /><text x={x} y=196 text-anchor=middle>{mark}</text>");
+        }
+        let _ = write!(out, "<text x=20 y=196>{low}</text><text x=420 y=196 text-anchor=end>{high}</text></svg></figure>");
     }
     out.push_str("</div>\n");
 }
@@ -256,6 +310,21 @@ fn place(row: &Value) -> Option<[f64; 3]> {
 
 fn button(at: [f64; 3]) -> String {
     format!("<button data-at=\"{},{},{}\">{:.2}, {:.2}, {:.2}</button>", at[0], at[1], at[2], at[0], at[1], at[2])
+}
+
+/// The single worst triangle, cell and vertex, right below the view; a cell is shown in a cut through it.
+fn one_click(out: &mut String, json: &Value) {
+    let places = [("worst triangle", "/surface/worst/0", ""), ("worst cell", "/volume/worst/0", " data-cut=y"), ("farthest from the mask", "/fidelity/worst/0", "")];
+    let found: Vec<String> = places
+        .iter()
+        .filter_map(|(name, path, cut)| {
+            let [x, y, z] = json.pointer(path).and_then(place)?;
+            Some(format!("<button data-at=\"{x},{y},{z}\"{cut}>{name}</button>"))
+        })
+        .collect();
+    if !found.is_empty() {
+        let _ = writeln!(out, "<p class=bar>Show the {}</p>", found.join(" "));
+    }
 }
 
 fn worst(out: &mut String, json: &Value) {
@@ -334,7 +403,15 @@ fn stages(out: &mut String, report: &Report) {
 }
 
 fn details(out: &mut String, json: &Value, case: &str) {
-    for (title, key) in [("What was repaired", "cleaning"), ("Reconstruction", "reconstruction"), ("Provenance", "input")] {
+    let _ = write!(
+        out,
+        "<h2>Provenance</h2><p>lumenmesh {}, report schema {}. Input {}, SHA-256 <code>{}</code>. The resolved case file below gives the same bytes again with the same version.</p>\n",
+        figure(json, &["version"]),
+        figure(json, &["schema_version"]),
+        figure(json, &["input", "file"]),
+        figure(json, &["input", "sha256"]),
+    );
+    for (title, key) in [("What was repaired", "cleaning"), ("Reconstruction", "reconstruction"), ("Input", "input")] {
         if let Some(section) = json.get(key) {
             let text = serde_json::to_string_pretty(section).unwrap_or_default();
             let _ = write!(out, "<details><summary>{title}</summary><pre>{}</pre></details>\n", escape(&text));

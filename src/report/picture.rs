@@ -11,6 +11,30 @@ use crate::mesh::TriMesh;
 /// Colour of a triangle: red, green, blue from 0 to 1.
 pub type Colour = [f64; 3];
 
+fn pick(map: &[[f64; 3]], t: f64) -> Colour {
+    // What is not a number takes the middle.
+    let t = if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.5 };
+    let x = t * (map.len() - 1) as f64;
+    let i = (x as usize).min(map.len() - 2);
+    [0, 1, 2].map(|k| (map[i][k] + (x - i as f64) * (map[i + 1][k] - map[i][k])) / 255.0)
+}
+
+/// Blue to white to orange at `t` from 0 to 1, for figures with a sign; readable by colour-blind people.
+pub fn diverging(t: f64) -> Colour {
+    const MAP: [[f64; 3]; 9] = [
+        [33.0, 60.0, 129.0],
+        [58.0, 110.0, 177.0],
+        [122.0, 166.0, 210.0],
+        [196.0, 217.0, 233.0],
+        [247.0, 247.0, 247.0],
+        [248.0, 214.0, 180.0],
+        [238.0, 162.0, 100.0],
+        [205.0, 104.0, 36.0],
+        [128.0, 56.0, 8.0],
+    ];
+    pick(&MAP, t)
+}
+
 /// Viridis at `t` from 0 to 1: even to the eye, readable by colour-blind people and in grey.
 pub fn viridis(t: f64) -> Colour {
     const MAP: [[f64; 3]; 10] = [
@@ -25,9 +49,7 @@ pub fn viridis(t: f64) -> Colour {
         [180.0, 222.0, 44.0],
         [253.0, 231.0, 37.0],
     ];
-    let x = t.clamp(0.0, 1.0) * 9.0;
-    let i = (x as usize).min(8);
-    [0, 1, 2].map(|k| (MAP[i][k] + (x - i as f64) * (MAP[i + 1][k] - MAP[i][k])) / 255.0)
+    pick(&MAP, t)
 }
 
 /// Colour of a patch.

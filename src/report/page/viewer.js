@@ -139,6 +139,14 @@
   document.querySelectorAll('[data-at]').forEach(b => b.addEventListener('click', () => {
     const p = new THREE.Vector3(...b.dataset.at.split(',').map(Number)), away = camera.position.clone().sub(controls.target).setLength(size * 0.12);
     controls.target.copy(p); camera.position.copy(p).add(away); marker.position.copy(p); marker.scale.setScalar(size * 0.004); marker.visible = true;
+    // A cell lies inside: the cut goes through it.
+    if (b.dataset.cut) {
+      const a = { x: 0, y: 1, z: 2 }[b.dataset.cut], lo = box.min.getComponent(a), hi = box.max.getComponent(a);
+      document.getElementById('cut-axis').value = b.dataset.cut;
+      document.getElementById('cut-at').value = Math.round(1000 * (p.getComponent(a) - lo) / (hi - lo));
+      cut();
+      camera.position.copy(p).add(new THREE.Vector3().setComponent(a, size * 0.12)); camera.up.set(0, 0, a === 2 ? 0 : 1); if (a === 2) camera.up.set(0, 1, 0);
+    }
     document.getElementById('viewer').scrollIntoView({ behavior: 'smooth' }); draw();
   }));
 

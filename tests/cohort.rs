@@ -1,0 +1,152 @@
+//! Cohorts: many cases, some of them bad, a kill half-way, sweeps, and the same through Snakemake.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+fn program() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_lumenmesh"))
+}
+
+fn lumenmesh(args: &[&str], dir: &Path) -> Output {
+    program().args(args).current_dir(dir).output().expect("the program starts")
+}
+
+fn text(out: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr))
+}
+
+fn phantom(name: &str, dir: &Path) {
+    let out = lumenmesh(&["phantom", name, "-o", &format!("cases/{name}")], dir);
+    assert!(out.status.success(), "{}", text(&out));
+}
+
+/// Large triangles and no solver cases: quick.
+const QUICK: [&str; 4] = ["--set", "surface.scale=3", "--set", "exports=[vtk]"];
+
+/// Every file of a result but those with times in them.
+fn files(dir: &Path) -> Vec<(String, Vec<u8>)> {
+    let (mut all, mut open) = (vec![], vec![dir.to_path_buf()]);
+    while let Some(d) = open.pop() {
+        for path in fs::read_dir(&d).expect("list").map(|e| e.expect("entry").path()) {
+            let name = path.strip_prefix(dir).expect("inside").display().to_string();
+            if path.is_dir() {
+                open.push(path);
+            } else if !["report.json", "report.html", "lumenmesh.log", ".case-sha256"].contains(&name.as_str()) {
+                all.push((name, fs::read(&path).expect("read")));
+            }
+        }
+    }
+    all.sort();
+    all
+}
+
+#[test]
+fn a_killed_cohort_goes_on_and_gives_what_single_runs_give() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let dir = dir.path();
+    phantom("sphere", dir);
+    phantom("tube", dir);
+    for (name, value) in [("empty_a", 0u8), ("empty_b", 0)] {
+        let mut bytes = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nspacings: 1 1 1\nencoding: raw\n\n".to_vec();
+        bytes.extend([value; 64]);
+        fs::write(dir.join(format!("{name}.nrrd")), bytes).expect("write");
+    }
+    let mut args = vec!["batch", "cases/sphere/case.yaml", "empty_a.nrrd", "cases/tube/case.yaml", "empty_b.nrrd", "none.nrrd", "-o", "cohort"];
+    args.extend(QUICK);
+    // Killed once the first case is done.
+    let mut child = program().args(&args).current_dir(dir).stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("starts");
+    let start = Instant::now();
+    while !dir.join("cohort/sphere/.case-sha256").is_file() && start.elapsed() < Duration::from_secs(300) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    assert!(!dir.join("cohort/cohort.csv").exists());
+    let out = lumenmesh(&args, dir);
+    let said = text(&out);
+    assert_eq!(out.status.code(), Some(3), "{said}");
+    assert!(said.contains("2 of 5 cases met all hard gates"), "{said}");
+    let sphere = said.lines().find(|l| l.contains("sphere")).expect("a line for the sphere");
+    assert!(sphere.contains("(kept)"), "{said}");
+
+    let csv = fs::read_to_string(dir.join("cohort/cohort.csv")).expect("cohort.csv");
+    let verdicts: Vec<String> = csv.lines().skip(1).map(|l| l.split(',').take(3).collect::<Vec<_>>().join(" ")).collect();
+    assert_eq!(verdicts[..3], ["\"empty_a\" input 3", "\"empty_b\" input 3", "\"none\" input 3"], "failures come first");
+    assert!(verdicts[3..].iter().all(|v| v.ends_with("met 0")), "{verdicts:?}");
+    let page = fs::read_to_string(dir.join("cohort/cohort.html")).expect("cohort.html");
+    assert!(page.contains("(2): empty_a, empty_b"), "failures are not grouped by cause");
+    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 2, "a picture for each case that has a surface");
+    assert!(!page.contains("http"), "the page loads something");
+    assert!(fs::read_to_string(dir.join("cohort/none.log")).expect("log").contains("no such file"));
+
+    // The same bytes as by itself.
+    let mut single = vec!["run", "cases/tube/case.yaml", "-o", "single", "--quiet"];
+    single.extend(QUICK);
+    let out = lumenmesh(&single, dir);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out));
+    let (a, b) = (files(&dir.join("cohort/tube")), files(&dir.join("single")));
+    assert!(a.len() >= 6);
+    assert!(a == b, "the cohort's files are not those of a single run");
+
+    // Another mask under the same name is another case; the rest is kept.
+    fs::copy(dir.join("cases/sphere/mask.nrrd"), dir.join("cases/tube/mask.nrrd")).expect("copy");
+    let mut few = vec!["batch", "cases/sphere/case.yaml", "cases/tube/case.yaml", "-o", "cohort"];
+    few.extend(QUICK);
+    let said = text(&lumenmesh(&few, dir));
+    assert_eq!(said.matches("(kept)").count(), 1, "{said}");
+    // The page can be made from the folders alone.
+    few.push("--collect");
+    let out = lumenmesh(&few, dir);
+    assert!(text(&out).contains("2 of 2 cases"), "{}", text(&out));
+}
+
+#[test]
+fn a_sweep_moves_the_surface_of_one_case() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let dir = dir.path();
+    phantom("sphere", dir);
+    let mut args = vec!["batch", "cases/sphere/mask.nrrd", "-o", "sweep", "--sweep", "reconstruction.offset=-0.25,0.25"];
+    args.extend(QUICK);
+    let out = lumenmesh(&args, dir);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out));
+    let volume = |name: &str| {
+        let report = fs::read_to_string(dir.join("sweep").join(name).join("report.json")).expect("report");
+        let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+        report["fidelity"]["volume_ratio"].as_f64().expect("a ratio")
+    };
+    let (small, large) = (volume("sphere_offset-0.25"), volume("sphere_offset0.25"));
+    assert!(small < 0.98 && large > 1.02, "volume ratios {small} and {large}");
+}
+
+#[test]
+fn snakemake_gives_the_same_cohort() {
+    let snakemake = std::env::var("LUMENMESH_SNAKEMAKE").unwrap_or_else(|_| "snakemake".into());
+    if !Command::new(&snakemake).arg("--version").output().is_ok_and(|o| o.status.success()) {
+        eprintln!("SKIPPED: {snakemake} is not there (pip install snakemake; LUMENMESH_SNAKEMAKE names it)");
+        return;
+    }
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let dir = dir.path();
+    phantom("sphere", dir);
+    fs::write(dir.join("bad.yaml"), "input: {mask: none.nrrd}\n").expect("write");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let out = Command::new(&snakemake)
+        .arg("-s")
+        .arg(root.join("scripts/cohort/Snakefile"))
+        .arg("--profile")
+        .arg(root.join("scripts/cohort/local"))
+        .args(["--config", "cases=['cases/sphere/case.yaml','bad.yaml']", "out=cohort", "threads=1", "set=surface.scale=3"])
+        .arg(format!("lumenmesh={}", env!("CARGO_BIN_EXE_lumenmesh")))
+        .current_dir(dir)
+        .output()
+        .expect("starts");
+    assert!(out.status.success(), "{}", text(&out));
+    let csv = fs::read_to_string(dir.join("cohort/cohort.csv")).expect("cohort.csv");
+    assert!(csv.contains("\"bad\",input,3") && csv.contains("\"sphere\",met,0"), "{csv}");
+    assert!(csv.contains("no such file"), "{csv}");
+    let out = lumenmesh(&["run", "cases/sphere/case.yaml", "-o", "single", "--quiet", "--set", "surface.scale=3"], dir);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out));
+    assert!(files(&dir.join("cohort/sphere")) == files(&dir.join("single")), "Snakemake's files are not those of a single run");
+}
