@@ -1,5 +1,7 @@
 //! `lumenmesh check`: the quality report of any mesh, ours or not, held against the same gates.
 
+use std::path::Path;
+
 use super::args::CheckArgs;
 use super::exit::{self, Failure};
 use crate::config::Gates;
@@ -8,26 +10,67 @@ use crate::mesh::{intersect, topology};
 use crate::quality::{self, VolumeQuality};
 use crate::report::{Gate, Limit, Report, Status};
 
-/// `lumenmesh check FILE…`
+/// `lumenmesh check FILE…`: every file is looked at; the code is that of the worst, an unreadable one first.
 pub fn run(args: &CheckArgs) -> Result<u8, Failure> {
-    let mut worst = 0;
+    let (mut missed, mut failed) = (false, None::<Failure>);
     for file in &args.files {
-        let mesh = mesh::read(file).map_err(|e| Failure::new(exit::INPUT, e))?;
-        let report = report(&mesh).map_err(|e| Failure::new(exit::GEOMETRY, anyhow::anyhow!("{}: {e}", file.display())))?;
+        let report = match checked(file) {
+            Ok(report) => report,
+            Err(e) if args.files.len() == 1 => return Err(e),
+            Err(e) => {
+                eprintln!("error: {}", e.message());
+                failed = failed.or(Some(e));
+                continue;
+            }
+        };
         if args.json {
             print!("{}", report.to_json());
         } else {
-            println!("{}", file.display());
+            println!("{}: {}", file.display(), facts(&report));
+            for w in &report.warnings {
+                println!("  warning  {}", w.message);
+            }
             for g in &report.gates {
                 let verdict = if g.passed { "met     " } else if g.hard { "MISSED  " } else { "advisory" };
                 println!("  {verdict} {}: {} (limit {})", g.name, g.value, g.limit);
             }
         }
-        if report.status == Status::GateMissed {
-            worst = exit::GATE;
-        }
+        missed |= report.status == Status::GateMissed;
     }
-    Ok(worst)
+    match failed {
+        Some(e) => Ok(e.code()),
+        None => Ok(if missed { exit::GATE } else { 0 }),
+    }
+}
+
+fn checked(file: &Path) -> Result<Report, Failure> {
+    let mesh = mesh::read(file).map_err(|e| Failure::new(exit::INPUT, e))?;
+    let mut r = report(&mesh).map_err(|e| Failure::new(exit::GEOMETRY, anyhow::anyhow!("{}: {e}", file.display())))?;
+    let metres = mesh::is_in_metres(file);
+    let size = mesh.size();
+    if metres {
+        r.units.length = "m";
+    }
+    r.put("file", &serde_json::json!({"name": file.display().to_string(), "size": size, "patches": mesh.patches()}));
+    // Solver files are in metres, all others in millimetres; a vessel tree is between 1 mm and 2 m long.
+    let mm = if metres { 1000.0 * size } else { size };
+    if mm > 0.0 && !(1.0..=2000.0).contains(&mm) {
+        let unit = r.units.length;
+        r.warn("units", format!("the mesh is {size:.4} {unit} across if its unit is the format's usual {unit}: is it in another unit?"));
+    }
+    Ok(r)
+}
+
+/// What the mesh is, in a line.
+fn facts(r: &Report) -> String {
+    let number = |section: &str, key: &str| r.sections.get(section).and_then(|s| s.get(key)).cloned().unwrap_or_default();
+    let patches = r.sections.get("file").and_then(|f| f.get("patches")).and_then(|p| p.as_array()).into_iter().flatten();
+    let patches: Vec<String> = patches.filter_map(|p| Some(format!("{} {}", p.get("name")?.as_str()?, p.get("faces")?))).collect();
+    let cells = match r.sections.contains_key("volume") {
+        true => format!("{} cells ({} tetrahedra, {} prisms)", number("volume", "cells"), number("volume", "tets"), number("volume", "prisms")),
+        false => format!("{} triangles", number("surface", "faces")),
+    };
+    format!("{cells}; faces: {}", patches.join(", "))
 }
 
 fn report(mesh: &AnyMesh) -> Result<Report, crate::mesh::faces::FaceError> {

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::flow::Flow;
 use super::length::{AutoLength, Length};
 use super::openings::OpeningsSection;
 
@@ -64,6 +65,8 @@ pub enum Export {
     Gmsh,
     /// simvascular/mesh-complete
     Simvascular,
+    /// vmtk/lumen.vtu: boundary faces among the cells, `CellEntityIds` 0 inside, 1 wall, openings from 2.
+    Vmtk,
 }
 
 /// The picture or surface to start from. Give exactly one of `mask`, `probability` and `surface`.
@@ -405,109 +408,6 @@ impl Default for BoundaryLayers {
             total: Length { value: 0.25, unit: super::length::Unit::Radius },
         }
     }
-}
-
-/// Flow and blood for the solver cases.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Flow {
-    /// Flow at the inlet.
-    pub inlet: InletFlow,
-    /// How the outlets share it.
-    pub outlets: OutletFlow,
-    /// The blood.
-    pub blood: Blood,
-    /// Waveform CSV with time (s) and flow rate (ml/s) columns: makes the case pulsatile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub waveform: Option<PathBuf>,
-}
-
-/// Flow at the inlet. Give one of `reynolds`, `flow_rate` and `velocity`; default Reynolds number 300.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct InletFlow {
-    /// Reynolds number of the mean flow and the hydraulic diameter.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub reynolds: Option<f64>,
-    /// Flow rate, ml/s.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub flow_rate: Option<f64>,
-    /// Mean velocity, m/s.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub velocity: Option<f64>,
-    /// Velocity profile.
-    pub profile: VelocityProfile,
-}
-
-/// Velocity profile over the inlet.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum VelocityProfile {
-    /// Developed laminar flow.
-    #[default]
-    Parabolic,
-    /// The same velocity everywhere.
-    Flat,
-}
-
-/// How the outlets share the flow.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct OutletFlow {
-    /// Rule of the split.
-    pub split: Split,
-    /// With `fractions`: the share of each outlet, in the order of their ids; the sum must be 1.
-    pub fractions: Vec<f64>,
-    /// With `resistance`: the resistance of each outlet, Pa s/m³, in the order of their ids.
-    pub resistances: Vec<f64>,
-}
-
-/// Rule by which the outlets share the flow.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Split {
-    /// By the cube of the diameter (Murray's law).
-    #[default]
-    Murray,
-    /// By area.
-    Area,
-    /// As given in `fractions`.
-    Fractions,
-    /// Pressure from flow and the given `resistances`.
-    Resistance,
-    /// The same pressure at all outlets.
-    Pressure,
-}
-
-/// The blood.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Blood {
-    /// Viscosity model.
-    pub model: Viscosity,
-    /// Density, kg/m³. Default 1060.
-    pub density: f64,
-    /// Dynamic viscosity, Pa s, of the Newtonian model. Default 0.003498.
-    pub viscosity: f64,
-}
-
-impl Default for Blood {
-    fn default() -> Self {
-        Blood { model: Viscosity::Newtonian, density: 1060.0, viscosity: 3.498e-3 }
-    }
-}
-
-/// Viscosity model.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Viscosity {
-    /// Constant.
-    #[default]
-    Newtonian,
-    /// Casson.
-    Casson,
-    /// Carreau.
-    Carreau,
 }
 
 /// Limits that the result is held against.

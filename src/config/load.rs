@@ -189,19 +189,7 @@ fn check(case: &Case) -> Result<(), (String, String)> {
     range("volume.series", f64::from(case.volume.series), 1.0, 5.0)?;
     range("volume.time_limit", case.volume.time_limit, 1.0, 1e7)?;
     range("volume.memory_limit", case.volume.memory_limit, 0.1, 1e5)?;
-    range("flow.blood.density", case.flow.blood.density, 100.0, 20000.0)?;
-    range("flow.blood.viscosity", case.flow.blood.viscosity, 1e-6, 10.0)?;
-    let f = &case.flow.inlet;
-    let given = [f.reynolds, f.flow_rate, f.velocity].iter().flatten().count();
-    if given > 1 {
-        return fail("flow.inlet", format!("gives {given} of reynolds, flow_rate and velocity: give one"));
-    }
-    if case.flow.outlets.split == super::Split::Fractions {
-        let sum: f64 = case.flow.outlets.fractions.iter().sum();
-        if (sum - 1.0).abs() > 1e-6 {
-            return fail("flow.outlets.fractions", format!("sum to {sum}: they must sum to 1"));
-        }
-    }
+    super::flow::check(&case.flow)?;
     for (n, p) in case.openings.planes.iter().enumerate() {
         let bad = |what: String| fail(&format!("openings[{n}]"), format!("`{}` {what}", p.name));
         if p.normal.iter().map(|x| x * x).sum::<f64>().sqrt().partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {

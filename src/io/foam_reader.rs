@@ -1,6 +1,7 @@
-//! Reader of OpenFOAM's `constant/polyMesh` in ASCII.
+//! Reader of OpenFOAM's `constant/polyMesh` in ASCII, plain or gzip.
 
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 
 use super::Error;
@@ -13,16 +14,11 @@ use crate::mesh::{Patch, PatchKind};
 pub(super) fn read(folder: &Path) -> Result<PolyMesh, Error> {
     let inner = folder.join("constant").join("polyMesh");
     let folder = if inner.is_dir() { inner } else { folder.to_path_buf() };
-    let load = |name: &str| -> Result<Vec<String>, Error> {
-        let path = folder.join(name);
-        let text = fs::read_to_string(&path).map_err(|e| Error::read(&path, e))?;
-        words(&text).map_err(|what| Error::malformed(&path, what, "write the mesh in ASCII: foamFormatConvert"))
-    };
+    let points = parse(&folder, "points", points)?;
+    let (offsets, vertices) = parse(&folder, "faces", |t| faces(t, points.len()))?;
+    let owner = parse(&folder, "owner", labels)?;
+    let mut neighbour = parse(&folder, "neighbour", labels)?;
     let wrong = |name: &str, what: String| Error::malformed(&folder.join(name), what, "check the case with checkMesh");
-    let points = points(&load("points")?).map_err(|e| wrong("points", e))?;
-    let (offsets, vertices) = faces(&load("faces")?, points.len()).map_err(|e| wrong("faces", e))?;
-    let owner = labels(&load("owner")?).map_err(|e| wrong("owner", e))?;
-    let mut neighbour = labels(&load("neighbour")?).map_err(|e| wrong("neighbour", e))?;
     if owner.len() + 1 != offsets.len() || neighbour.len() > owner.len() {
         return Err(wrong("owner", format!("{} owners and {} neighbours for {} faces", owner.len(), neighbour.len(), offsets.len() - 1)));
     }
@@ -34,129 +30,154 @@ pub(super) fn read(folder: &Path) -> Result<PolyMesh, Error> {
     if cells > owner.len() + neighbour.len() {
         return Err(wrong("owner", format!("cell {} of {} faces", cells - 1, owner.len())));
     }
-    let patches = patches(&load("boundary")?, neighbour.len(), owner.len()).map_err(|e| wrong("boundary", e))?;
+    let patches = parse(&folder, "boundary", |t| patches(t, neighbour.len(), owner.len()))?;
     Ok(PolyMesh { points, cells, offsets, vertices, owner, neighbour, patches })
 }
 
-/// Words and brackets after the head of the file.
-fn words(text: &str) -> Result<Vec<String>, String> {
+/// Loads one file and hands its words, from behind the head, to `read`.
+fn parse<T>(folder: &Path, name: &str, read: impl FnOnce(&mut Words) -> Result<T, String>) -> Result<T, Error> {
+    let (plain, packed) = (folder.join(name), folder.join(format!("{name}.gz")));
+    let mut text = String::new();
+    let path = if !plain.is_file() && packed.is_file() {
+        let file = fs::File::open(&packed).map_err(|e| Error::read(&packed, e))?;
+        flate2::read::MultiGzDecoder::new(file).read_to_string(&mut text).map_err(|e| Error::read(&packed, e))?;
+        packed
+    } else {
+        text = fs::read_to_string(&plain).map_err(|e| Error::read(&plain, e))?;
+        plain
+    };
+    let remedy = "check the case with checkMesh; binary files are written as ASCII by foamFormatConvert";
+    let wrong = |what| Error::malformed(&path, what, remedy);
     let head = text.find("FoamFile").and_then(|i| text[i..].find('}').map(|j| (i, i + j + 1)));
-    let (from, to) = head.ok_or("no FoamFile head")?;
+    let (from, to) = head.ok_or_else(|| wrong("no FoamFile head".into()))?;
     if text[from..to].contains("binary") {
-        return Err("binary format, which is not read".into());
+        return Err(wrong("binary format, which is not read".into()));
     }
-    let (mut out, mut word) = (vec![], String::new());
-    let mut rest = text[to..].chars().peekable();
-    while let Some(c) = rest.next() {
-        if c == '/' && rest.peek() == Some(&'/') {
-            for c in rest.by_ref() {
-                if c == '\n' {
-                    break;
+    let mut words = Words { text: &text, at: to };
+    read(&mut words).map_err(|what| wrong(format!("line {}: {what}", 1 + text[..words.at.min(text.len())].matches('\n').count())))
+}
+
+/// Words and brackets one after the other, comments left out.
+struct Words<'a> {
+    text: &'a str,
+    at: usize,
+}
+
+impl<'a> Words<'a> {
+    fn next(&mut self) -> Option<&'a str> {
+        let bytes = self.text.as_bytes();
+        loop {
+            let rest = &bytes[self.at.min(bytes.len())..];
+            match rest {
+                [] => return None,
+                [b'/', b'/', ..] => self.at += rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len()),
+                [b'/', b'*', ..] => self.at += rest.windows(2).position(|w| w == b"*/").map_or(rest.len(), |i| i + 2),
+                [b'(' | b')' | b'{' | b'}' | b';', ..] => {
+                    self.at += 1;
+                    return Some(&self.text[self.at - 1..self.at]);
+                }
+                [b, ..] if b.is_ascii_whitespace() => self.at += 1,
+                _ => {
+                    let end = |b: u8| b.is_ascii_whitespace() || matches!(b, b'(' | b')' | b'{' | b'}' | b';');
+                    let start = self.at;
+                    self.at += rest.iter().position(|&b| end(b)).unwrap_or(rest.len());
+                    return Some(&self.text[start..self.at]);
                 }
             }
-            continue;
-        }
-        if c == '/' && rest.peek() == Some(&'*') {
-            let mut last = ' ';
-            for c in rest.by_ref() {
-                if last == '*' && c == '/' {
-                    break;
-                }
-                last = c;
-            }
-            continue;
-        }
-        let mark = matches!(c, '(' | ')' | '{' | '}' | ';');
-        if (c.is_whitespace() || mark) && !word.is_empty() {
-            out.push(std::mem::take(&mut word));
-        }
-        if mark {
-            out.push(c.to_string());
-        } else if !c.is_whitespace() {
-            word.push(c);
         }
     }
-    if !word.is_empty() {
-        out.push(word);
+
+    fn word(&mut self) -> Result<&'a str, String> {
+        self.next().ok_or_else(|| "the list is not closed: the file is cut off".into())
     }
-    Ok(out)
-}
 
-/// The words between the outer brackets and the number before them.
-fn list(words: &[String]) -> Result<(usize, &[String]), String> {
-    let [n, open, body @ .., close] = words else { return Err("an empty file".into()) };
-    let n = n.parse().map_err(|_| format!("`{n}` where the number of items should be"))?;
-    if open != "(" || close != ")" {
-        return Err("the list is not closed: the file is cut off".into());
+    fn number<T: std::str::FromStr>(&mut self) -> Result<T, String> {
+        let w = self.word()?;
+        w.parse().map_err(|_| format!("`{w}` where a number should be"))
     }
-    if n > body.len() { Err(format!("{n} items announced, the file is too short")) } else { Ok((n, body)) }
+
+    fn expect(&mut self, mark: &str) -> Result<(), String> {
+        let w = self.word()?;
+        if w == mark { Ok(()) } else { Err(format!("`{w}` where `{mark}` should be")) }
+    }
+
+    /// The number of items and the bracket before them.
+    fn list(&mut self) -> Result<usize, String> {
+        let n: usize = self.number()?;
+        self.expect("(")?;
+        // An item has a digit and a blank at least.
+        if n > self.text.len() / 2 + 1 { Err(format!("{n} items announced, the file is too short")) } else { Ok(n) }
+    }
 }
 
-fn points(words: &[String]) -> Result<Vec<Point>, String> {
-    let (n, body) = list(words)?;
-    let points: Vec<Point> = body
-        .chunks(5)
-        .enumerate()
-        .map(|(i, c)| match c {
-            [o, x, y, z, e] if o == "(" && e == ")" => {
-                let number = |s: &String| s.parse::<f64>().map_err(|_| format!("point {i}: `{s}` is no number"));
-                Ok(Point::new(number(x)?, number(y)?, number(z)?))
-            }
-            _ => Err(format!("point {i} is not (x y z)")),
-        })
-        .collect::<Result<_, String>>()?;
-    if points.len() == n { Ok(points) } else { Err(format!("{} points, {n} announced", points.len())) }
+fn points(w: &mut Words) -> Result<Vec<Point>, String> {
+    let n = w.list()?;
+    let mut points = Vec::with_capacity(n);
+    for _ in 0..n {
+        w.expect("(")?;
+        points.push(Point::new(w.number()?, w.number()?, w.number()?));
+        w.expect(")")?;
+    }
+    w.expect(")").map(|()| points)
 }
 
-fn faces(words: &[String], points: usize) -> Result<(Vec<usize>, Vec<u32>), String> {
-    let (n, body) = list(words)?;
-    let (mut offsets, mut vertices) = (vec![0], vec![]);
-    let mut at = 0;
-    while at < body.len() {
-        let f = offsets.len() - 1;
-        let size: usize = body[at].parse().map_err(|_| format!("face {f}: `{}` where the number of corners should be", body[at]))?;
-        let end = at.checked_add(size).and_then(|e| e.checked_add(3)).filter(|&e| e <= body.len() && size >= 3);
-        let Some(end) = end else { return Err(format!("face {f} has {size} corners or is cut off")) };
-        for w in &body[at + 2..end - 1] {
-            let v: u32 = w.parse().map_err(|_| format!("face {f}: `{w}` is no point"))?;
+fn faces(w: &mut Words, points: usize) -> Result<(Vec<usize>, Vec<u32>), String> {
+    let n = w.list()?;
+    let (mut offsets, mut vertices) = (Vec::with_capacity(n + 1), Vec::with_capacity(3 * n));
+    offsets.push(0);
+    for f in 0..n {
+        let size: usize = w.number()?;
+        if size < 3 {
+            return Err(format!("face {f} has {size} corners"));
+        }
+        w.expect("(")?;
+        for _ in 0..size {
+            let v: u32 = w.number()?;
             if v as usize >= points {
                 return Err(format!("face {f} names point {v}, but there are {points}"));
             }
             vertices.push(v);
         }
+        w.expect(")")?;
         offsets.push(vertices.len());
-        at = end;
     }
-    if offsets.len() == n + 1 { Ok((offsets, vertices)) } else { Err(format!("{} faces, {n} announced", offsets.len() - 1)) }
+    w.expect(")").map(|()| (offsets, vertices))
 }
 
-fn labels(words: &[String]) -> Result<Vec<u32>, String> {
-    let (n, body) = list(words)?;
-    let labels: Vec<u32> = body
-        .iter()
-        .map(|w| if w == "-1" { Ok(u32::MAX) } else { w.parse().map_err(|_| format!("`{w}` is no cell")) })
-        .collect::<Result<_, String>>()?;
-    if labels.len() == n { Ok(labels) } else { Err(format!("{} labels, {n} announced", labels.len())) }
+fn labels(w: &mut Words) -> Result<Vec<u32>, String> {
+    let n = w.list()?;
+    let mut labels = Vec::with_capacity(n);
+    for _ in 0..n {
+        let word = w.word()?;
+        labels.push(if word == "-1" { u32::MAX } else { word.parse().map_err(|_| format!("`{word}` is no cell"))? });
+    }
+    w.expect(")").map(|()| labels)
 }
 
-fn patches(words: &[String], inner: usize, faces: usize) -> Result<Vec<PatchRange>, String> {
-    let (_, body) = list(words)?;
+fn patches(w: &mut Words, inner: usize, faces: usize) -> Result<Vec<PatchRange>, String> {
+    let n = w.list()?;
     let mut patches: Vec<PatchRange> = vec![];
-    let mut at = 0;
-    while at < body.len() {
-        let name = body[at].clone();
-        let end = body[at..].iter().position(|w| w == "}").map(|i| at + i).ok_or(format!("patch {name} is not closed"))?;
-        let entry = |key: &str| body[at..end].iter().position(|w| w == key).and_then(|i| body.get(at + i + 1));
+    for _ in 0..n {
+        let name = w.word()?;
+        w.expect("{")?;
+        let mut body = vec![];
+        loop {
+            match w.word()? {
+                "}" => break,
+                word => body.push(word),
+            }
+        }
+        let entry = |key: &str| body.iter().position(|w| *w == key).and_then(|i| body.get(i + 1)).copied();
         let number = |key: &str| entry(key).and_then(|w| w.parse::<usize>().ok()).ok_or(format!("patch {name}: no {key}"));
         let (start, count) = (number("startFace")?, number("nFaces")?);
         let expected = patches.last().map_or(inner, |p| p.start + p.count);
         if count > 0 && (start != expected || count > faces - expected.min(faces)) {
             return Err(format!("patch {name} starts at face {start}, {expected} expected"));
         }
-        let kind = if entry("type").is_some_and(|t| t == "wall") { PatchKind::Wall } else { kind_of(&name) };
-        patches.push(PatchRange { patch: Patch { id: patches.len() as u32 + 1, name, kind }, start: expected, count });
-        at = end + 1;
+        let kind = if entry("type") == Some("wall") { PatchKind::Wall } else { kind_of(name) };
+        patches.push(PatchRange { patch: Patch { id: patches.len() as u32 + 1, name: name.into(), kind }, start: expected, count });
     }
+    w.expect(")")?;
     let covered = patches.last().map_or(inner, |p| p.start + p.count);
     if covered == faces { Ok(patches) } else { Err(format!("patches end at face {covered} of {faces}")) }
 }

@@ -3,10 +3,13 @@
 use std::fs;
 use std::path::Path;
 
+use serde::Serialize;
+
 use super::Error;
 use super::{foam_reader, msh_reader, surface_reader, vtk_reader};
+use crate::geometry::Aabb;
 use crate::mesh::faces::PolyMesh;
-use crate::mesh::{TriMesh, VolumeMesh};
+use crate::mesh::{Patch, TriMesh, VolumeMesh};
 
 /// A mesh as found in a file, in the file's own unit.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,8 +18,39 @@ pub enum AnyMesh {
     Surface(TriMesh),
     /// Tetrahedra and prisms.
     Volume(VolumeMesh),
-    /// Cells of any kind, given by their faces; in metres from OpenFOAM and FLUENT.
+    /// Cells of any kind, given by their faces: from OpenFOAM and FLUENT in metres, or with hexahedra or pyramids.
     Polyhedral(PolyMesh),
+}
+
+/// A patch of a mesh that was read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct PatchCount {
+    /// Name in the file, or made from its number.
+    pub name: String,
+    /// Faces; triangles after polygons were cut.
+    pub faces: usize,
+}
+
+impl AnyMesh {
+    /// Diagonal of the box round all points, in the file's unit.
+    pub fn size(&self) -> f64 {
+        let points = match self {
+            AnyMesh::Surface(m) => &m.points,
+            AnyMesh::Volume(m) => &m.points,
+            AnyMesh::Polyhedral(m) => &m.points,
+        };
+        if points.is_empty() { 0.0 } else { Aabb::of(points).diagonal() }
+    }
+
+    /// The patches in their order.
+    pub fn patches(&self) -> Vec<PatchCount> {
+        let count = |p: &Patch, ids: &mut dyn Iterator<Item = u32>| PatchCount { name: p.name.clone(), faces: ids.filter(|&i| i == p.id).count() };
+        match self {
+            AnyMesh::Surface(m) => m.patches.iter().map(|p| count(p, &mut m.patch.iter().copied())).collect(),
+            AnyMesh::Volume(m) => m.patches.iter().map(|p| count(p, &mut m.boundary.iter().map(|b| b.patch))).collect(),
+            AnyMesh::Polyhedral(m) => m.patches.iter().map(|p| PatchCount { name: p.patch.name.clone(), faces: p.count }).collect(),
+        }
+    }
 }
 
 /// The endings that [`read`] knows.
@@ -50,12 +84,15 @@ pub fn read(path: &Path) -> Result<AnyMesh, Error> {
     }
 }
 
-/// Finishes a volume mesh read without a boundary: every outer face becomes wall.
-pub(super) fn with_boundary(mut mesh: VolumeMesh) -> Result<AnyMesh, String> {
-    let outer = mesh.outer_faces().map_err(|e| e.to_string())?;
-    mesh.patches = vec![crate::mesh::Patch::wall()];
-    mesh.boundary = outer.into_iter().map(|vertices| crate::mesh::BoundaryFace { vertices, patch: crate::mesh::WALL }).collect();
-    Ok(AnyMesh::Volume(mesh))
+/// Whether a mesh that [`read`] accepts is in metres, as OpenFOAM and FLUENT have it; all others are taken as millimetres.
+pub fn is_in_metres(path: &Path) -> bool {
+    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
+    let first = || {
+        let mut byte = [0];
+        let read = fs::File::open(path).and_then(|mut f| std::io::Read::read(&mut f, &mut byte));
+        read.is_ok_and(|n| n == 1 && byte[0] == b'(')
+    };
+    path.is_dir() || ending == "foam" || (ending == "msh" && first())
 }
 
 /// Triangles of a polygon as a fan; corners are checked against the number of points.

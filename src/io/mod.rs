@@ -1,8 +1,10 @@
 //! File formats: one file a format, reading and writing.
 
+mod cells;
 mod error;
 mod foam_reader;
 pub mod fluent;
+pub mod fluent_journal;
 pub mod gmsh;
 pub mod image;
 pub mod mesh;
@@ -20,6 +22,7 @@ mod text;
 pub mod vti;
 mod vtk_reader;
 pub mod vtk_xml;
+mod vtk_xml_reader;
 pub mod vtp;
 pub mod vtu;
 

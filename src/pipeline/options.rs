@@ -160,12 +160,8 @@ pub fn user_openings(case: &Case) -> UserOpenings {
 }
 
 /// The flow of the case; the waveform is read by the caller.
-pub fn flow(case: &Case, waveform: Option<Waveform>) -> Result<FlowOptions, String> {
+pub fn flow(case: &Case, waveform: Option<Waveform>) -> FlowOptions {
     let f = &case.flow;
-    let given = [f.inlet.reynolds, f.inlet.flow_rate, f.inlet.velocity].iter().flatten().count();
-    if given > 1 {
-        return Err(format!("flow.inlet gives {given} of reynolds, flow_rate and velocity: give one"));
-    }
     let inflow = match (f.inlet.reynolds, f.inlet.flow_rate, f.inlet.velocity) {
         (_, Some(q), _) => Inflow::FlowRate(q * 1e-6),
         (_, _, Some(v)) => Inflow::Velocity(v),
@@ -182,10 +178,38 @@ pub fn flow(case: &Case, waveform: Option<Waveform>) -> Result<FlowOptions, Stri
         config::VelocityProfile::Parabolic => Profile::Parabolic,
         config::VelocityProfile::Flat => Profile::Flat,
     };
-    let viscosity = match f.blood.model {
-        config::Viscosity::Newtonian => Viscosity::Newtonian { mu: f.blood.viscosity },
+    FlowOptions {
+        inflow,
+        profile,
+        split,
+        viscosity: viscosity(&f.blood),
+        density: f.blood.density,
+        waveform,
+        cycles: f.cycles,
+        max_courant: f.max_courant,
+        processes: f.processes,
+    }
+}
+
+/// The model with its own defaults where the case says nothing.
+fn viscosity(blood: &config::Blood) -> Viscosity {
+    let base = match blood.model {
+        config::Viscosity::Newtonian => FlowOptions::default().viscosity,
         config::Viscosity::Casson => Viscosity::CASSON,
         config::Viscosity::Carreau => Viscosity::CARREAU,
     };
-    Ok(FlowOptions { inflow, profile, split, viscosity, density: f.blood.density, waveform, ..FlowOptions::default() })
+    match base {
+        Viscosity::Newtonian { mu } => Viscosity::Newtonian { mu: blood.viscosity.unwrap_or(mu) },
+        Viscosity::Casson { mu_inf, tau0, mu_max } => Viscosity::Casson {
+            mu_inf: blood.viscosity.unwrap_or(mu_inf),
+            tau0: blood.yield_stress.unwrap_or(tau0),
+            mu_max: blood.max_viscosity.unwrap_or(mu_max),
+        },
+        Viscosity::Carreau { mu0, mu_inf, lambda, n } => Viscosity::Carreau {
+            mu0: blood.rest_viscosity.unwrap_or(mu0),
+            mu_inf: blood.viscosity.unwrap_or(mu_inf),
+            lambda: blood.time_constant.unwrap_or(lambda),
+            n: blood.exponent.unwrap_or(n),
+        },
+    }
 }

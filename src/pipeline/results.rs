@@ -11,7 +11,7 @@ use crate::config::{Case, Export};
 use crate::flow::{FlowError, FlowOptions, FlowPlan, Waveform};
 use crate::geometry::Point;
 use crate::io::vtp::{Array, Extra, Values};
-use crate::io::{fluent, gmsh, openfoam, ply, simvascular, stl, vtp, vtu};
+use crate::io::{fluent, fluent_journal, gmsh, openfoam, ply, simvascular, stl, vtp, vtu};
 use crate::mask::{Image, Mask};
 use crate::mesh::faces::FaceList;
 use crate::mesh::{Patch, TriMesh, VolumeMesh};
@@ -263,9 +263,6 @@ pub(super) fn contract_keys(report: &mut Report, q: &VolumeQuality) {
 
 fn exports(volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) -> Result<(), Error> {
     let wanted = |e: Export| case.exports.contains(&e);
-    if ![Export::Openfoam, Export::Fluent, Export::Gmsh, Export::Simvascular].into_iter().any(wanted) {
-        return Ok(());
-    }
     let faces = FaceList::build(volume).map_err(Error::Faces)?;
     let failed = |path: &Path, e: std::io::Error| Error::from(crate::io::Error::write(path, e));
     let folder = |name: &str| -> Result<PathBuf, Error> {
@@ -273,27 +270,39 @@ fn exports(volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) ->
         std::fs::create_dir_all(&path).map_err(|e| failed(&path, e))?;
         Ok(path)
     };
-    if wanted(Export::Openfoam) {
-        let case_dir = folder("openfoam")?;
-        match flow_plan(case, &faces)? {
-            Some((flow, plan)) => {
-                for w in &plan.warnings {
-                    report.warn("flow", w.clone());
-                }
-                report.put("flow", &serde_json::json!({"patches": plan.openings, "total_m3_per_s": plan.total, "nu_m2_per_s": plan.nu}));
-                openfoam::write_case(&case_dir, &faces, &flow, &plan).map_err(|e| failed(&case_dir, e))?;
+    let flow = flow_plan(case, &faces)?;
+    match &flow {
+        Some((options, plan)) => {
+            for w in &plan.warnings {
+                report.warn("flow", w.clone());
             }
-            None => {
-                report.warn("openfoam", "there is no inlet or no outlet: openfoam/ holds the mesh only, without 0/ and system/");
-                openfoam::write_poly_mesh(&case_dir, &faces).map_err(|e| failed(&case_dir, e))?;
-            }
+            report.put("flow", &crate::report::handover::sheet(options, plan));
         }
+        None => report.warn("flow", "there is no inlet or no outlet: openfoam/ holds the mesh only, without 0/ and system/, and fluent/ no journal"),
+    }
+    if wanted(Export::Openfoam) {
+        let path = folder("openfoam")?;
+        match &flow {
+            Some((options, plan)) => openfoam::write_case(&path, &faces, options, plan),
+            None => openfoam::write_poly_mesh(&path, &faces),
+        }
+        .map_err(|e| failed(&path, e))?;
     }
     if wanted(Export::Fluent) {
-        create(&folder("fluent")?.join("lumen.msh"), |w| fluent::write(w, volume, &faces))?;
+        let path = folder("fluent")?;
+        create(&path.join("lumen.msh"), |w| fluent::write(w, volume, &faces))?;
+        if let Some((options, plan)) = &flow {
+            for w in fluent_journal::warnings(options) {
+                report.warn("fluent", w);
+            }
+            fluent_journal::write(&path, &faces, options, plan).map_err(|e| failed(&path, e))?;
+        }
     }
     if wanted(Export::Gmsh) {
         create(&folder("gmsh")?.join("lumen.msh"), |w| gmsh::write(w, volume))?;
+    }
+    if wanted(Export::Vmtk) {
+        create(&folder("vmtk")?.join("lumen.vtu"), |w| vtu::write_vmtk(w, volume))?;
     }
     if wanted(Export::Simvascular) {
         let path = folder("simvascular")?.join("mesh-complete");
@@ -307,11 +316,12 @@ pub(super) fn flow_options(case: &Case) -> Result<FlowOptions, Error> {
     let waveform = match &case.flow.waveform {
         Some(path) => {
             let text = std::fs::read_to_string(path).map_err(|e| crate::io::Error::read(path, e))?;
-            Some(Waveform::parse_csv(&text)?)
+            let wrong = |e: FlowError| Error::Configuration(format!("{}: {e}", path.display()));
+            Some(Waveform::parse_csv(&text).map_err(wrong)?)
         }
         None => None,
     };
-    super::options::flow(case, waveform).map_err(Error::Configuration)
+    Ok(super::options::flow(case, waveform))
 }
 
 /// The flow through the openings; `None` where nothing can flow.

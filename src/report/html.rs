@@ -374,23 +374,7 @@ fn openings(out: &mut String, json: &Value) {
         let _ = write!(out, "<td class=t>{}<td>{}<td>{}</tr>", figure(r, &["found_by"]), figure(r, &["confidence"]), place(r).map(button).unwrap_or_default());
     }
     out.push_str("</table></div>\n");
-    if let Some(rows) = json.pointer("/flow/patches").and_then(Value::as_array) {
-        out.push_str("<h2>Hand-over sheet</h2><p class=soft>For the solver cases, which are in metres.</p><div class=scroll><table>");
-        let keys: Vec<&String> = rows.first().and_then(Value::as_object).map(|o| o.iter().filter(|(_, v)| !v.is_array() && !v.is_object()).map(|(k, _)| k).collect()).unwrap_or_default();
-        out.push_str("<tr>");
-        for k in &keys {
-            let _ = write!(out, "<th>{}", escape(&k.replace('_', " ")));
-        }
-        out.push_str("</tr>");
-        for row in rows {
-            out.push_str("<tr>");
-            for k in &keys {
-                let _ = write!(out, "<td>{}", figure(row, &[k.as_str()]));
-            }
-            out.push_str("</tr>");
-        }
-        out.push_str("</table></div>\n");
-    }
+    out.push_str(&super::handover::section(json));
 }
 
 fn stages(out: &mut String, report: &Report) {

@@ -1,6 +1,7 @@
 //! report.json: what was made, how good it is, and whether each gate was met.
 
 pub mod cohort;
+pub mod handover;
 pub mod html;
 pub mod picture;
 

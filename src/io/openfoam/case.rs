@@ -9,7 +9,7 @@ use std::io;
 use std::path::Path;
 
 use super::{header, write_poly_mesh};
-use crate::flow::{FlowOptions, FlowPlan, OutletSplit, PatchFlow, Profile, Viscosity, Waveform, poisson_profile};
+use crate::flow::{Condition, FlowOptions, FlowPlan, PatchFlow, Profile, Viscosity, Waveform, poisson_profile};
 use crate::mesh::PatchKind;
 use crate::mesh::faces::{FaceList, PatchRange};
 
@@ -57,35 +57,6 @@ fn executable(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// How an outlet is held.
-#[derive(Clone, Copy, PartialEq)]
-enum Hold {
-    /// The flow rate is given.
-    Flow(f64),
-    /// The pressure is given; what flows back brings no momentum.
-    Pressure,
-    /// Pressure = resistance (Pa s/m³) · flow.
-    Resistance(f64),
-}
-
-/// The outlet with the largest flow takes what the others leave, at zero pressure.
-fn hold(options: &FlowOptions, plan: &FlowPlan, o: &PatchFlow) -> Hold {
-    let outlets: Vec<&PatchFlow> = plan.openings.iter().filter(|o| o.kind == PatchKind::Outlet).collect();
-    if let OutletSplit::Resistance(r) = &options.split {
-        let k = outlets.iter().position(|x| x.id == o.id).unwrap_or(0);
-        return r.get(k).map_or(Hold::Pressure, |&r| Hold::Resistance(r));
-    }
-    // The first of the largest.
-    let largest = outlets.iter().fold(None::<&PatchFlow>, |m, x| match m {
-        Some(m) if m.flow >= x.flow => Some(m),
-        _ => Some(x),
-    });
-    match o.flow {
-        Some(q) if largest.is_some_and(|l| l.id != o.id) => Hold::Flow(q),
-        _ => Hold::Pressure,
-    }
-}
-
 /// `constant x`, or a repeating table of the waveform scaled to mean `x` times `unit`.
 fn over_time(waveform: Option<&Waveform>, name: &str, x: f64) -> String {
     let Some(w) = waveform else { return format!("{name} constant {x:e};") };
@@ -95,6 +66,18 @@ fn over_time(waveform: Option<&Waveform>, name: &str, x: f64) -> String {
         let _ = write!(s, " ({:e} {:e})", t - start, x * q / mean);
     }
     s + " ); }"
+}
+
+/// The waveform over its mean, beat after beat: the boundary condition that scales a profile cannot repeat a table.
+fn scale_over_beats(w: &Waveform, beats: u32) -> String {
+    let mut s = String::from("scale table (");
+    for beat in 0..beats.max(1) {
+        // Where a beat starts, the last one's end stands already.
+        for (t, q) in w.times.iter().zip(&w.flow).skip(usize::from(beat > 0)) {
+            let _ = write!(s, " ({:e} {:e})", t - w.times[0] + f64::from(beat) * w.period(), q / w.mean());
+        }
+    }
+    s + " );"
 }
 
 fn opening<'a>(plan: &'a FlowPlan, p: &PatchRange) -> Option<&'a PatchFlow> {
@@ -110,12 +93,12 @@ fn velocity(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan) -> Str
         match (p.patch.kind, opening(plan, p)) {
             (PatchKind::Wall, _) | (_, None) => s.push_str("        type noSlip;\n"),
             (PatchKind::Inlet, Some(o)) => inlet(&mut s, faces, p, o, options, wave),
-            (PatchKind::Outlet, Some(o)) => match hold(options, plan, o) {
-                Hold::Flow(q) => {
-                    let q = over_time(wave, "volumetricFlowRate", q);
+            (PatchKind::Outlet, Some(o)) => match o.condition {
+                Condition::Inflow | Condition::Outflow => {
+                    let q = over_time(wave, "volumetricFlowRate", o.flow.unwrap_or(0.0));
                     let _ = write!(s, "        type flowRateOutletVelocity;\n        {q}\n        value uniform (0 0 0);\n");
                 }
-                Hold::Pressure | Hold::Resistance(_) => {
+                Condition::Pressure | Condition::Resistance(_) => {
                     s.push_str("        // what flows back brings no momentum\n        type inletOutlet;\n        inletValue uniform (0 0 0);\n        value uniform (0 0 0);\n");
                 }
             },
@@ -141,10 +124,10 @@ fn inlet(s: &mut String, faces: &FaceList<'_>, p: &PatchRange, o: &PatchFlow, op
     list.push_str(");\n");
     let _ = match wave {
         None => write!(s, "        // developed laminar profile, flow rate {q:e} m3/s\n        type fixedValue;\n        value {list}"),
-        Some(_) => write!(
+        Some(wave) => write!(
             s,
             "        // developed profile of the mean flow rate {q:e} m3/s, scaled over time\n        type scaledFixedValue;\n        {}\n        refValue\n        {{\n            type fixedValue;\n            value {list}        }}\n",
-            over_time(wave, "scale", 1.0)
+            scale_over_beats(wave, options.cycles)
         ),
     };
 }
@@ -153,19 +136,33 @@ fn pressure(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan) -> Str
     let mut s = header("volScalarField", "0", "p", "");
     s.push_str("// pressure divided by the density: Pa = value * rho\ndimensions      [0 2 -2 0 0 0 0];\ninternalField   uniform 0;\nboundaryField\n{\n");
     for p in &faces.patches {
-        let held = opening(plan, p).filter(|o| o.kind == PatchKind::Outlet).map(|o| hold(options, plan, o));
-        let text = match held {
-            Some(Hold::Pressure) => "type fixedValue; value uniform 0;".into(),
-            // Half of the new value at a time keeps the loop of pressure and flow stable.
-            Some(Hold::Resistance(r)) => format!(
-                "type exprFixedValue; value uniform 0; valueExpr \"0.5*p+0.5*{:e}*sum(phi)\";",
-                r / options.density
-            ),
+        let text = match opening(plan, p).map(|o| o.condition) {
+            Some(Condition::Pressure) => "type fixedValue; value uniform 0;".into(),
+            Some(Condition::Resistance(r)) => {
+                let part = opening(plan, p).map_or(0.5, |o| relaxation(faces, options, plan, o, r));
+                format!(
+                    "type exprFixedValue; value uniform 0; valueExpr \"{:e}*p+{:e}*sum(phi)\";",
+                    1.0 - part,
+                    part * r / options.density
+                )
+            }
             _ => "type zeroGradient;".into(),
         };
         let _ = writeln!(s, "    {} {{ {text} }}", p.patch.name);
     }
     s + "}\n"
+}
+
+/// The part of the new pressure that a resistance takes at a time.
+///
+/// Pressure follows flow and flow follows pressure: the loop is stable where this part stays below what the vessel's own
+/// resistance (and, over a time step, its inertia) is of the outlet's. Too small a part only takes longer.
+fn relaxation(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan, o: &PatchFlow, resistance: f64) -> f64 {
+    let inlet = plan.openings.iter().find(|i| i.kind == PatchKind::Inlet);
+    let length = inlet.map_or(0.0, |i| (i.center - o.center).norm() * 1e-3);
+    let own = 128.0 * options.viscosity.reference() * length / (std::f64::consts::PI * (o.hydraulic_diameter * 1e-3).powi(4));
+    let inertia = options.waveform.as_ref().map_or(0.0, |w| options.density * length / (o.area * 1e-6) / time_step(faces, options, plan, w));
+    if resistance > 0.0 { (2.0 * (own + inertia) / resistance).clamp(1e-3, 0.5) } else { 0.5 }
 }
 
 fn transport(options: &FlowOptions) -> String {
@@ -208,10 +205,11 @@ fn control(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan) -> Stri
             let dt = time_step(faces, options, plan, w);
             let _ = write!(
                 s,
-                "application     pimpleFoam;\nstartFrom       startTime;\nstartTime       0;\nstopAt          endTime;\nendTime         {:e};\n// twice the mean velocity at peak flow over the mean cell size at Courant number {}\ndeltaT          {dt:e};\nadjustTimeStep  yes;\nmaxCo           {};\nwriteControl    adjustableRunTime;\nwriteInterval   {:e};\npurgeWrite      0;\n",
+                "application     pimpleFoam;\nstartFrom       startTime;\nstartTime       0;\nstopAt          endTime;\nendTime         {:e};\n// twice the mean velocity at peak flow over the mean cell size at Courant number {}\ndeltaT          {dt:e};\nadjustTimeStep  yes;\nmaxCo           {};\nmaxDeltaT       {:e};\nwriteControl    adjustableRunTime;\nwriteInterval   {:e};\npurgeWrite      0;\n",
                 period * f64::from(options.cycles.max(1)),
                 options.max_courant,
                 options.max_courant,
+                period / 100.0,
                 period / 20.0
             );
         }
@@ -265,7 +263,7 @@ fn schemes(steady: bool) -> String {
 fn solution(steady: bool) -> String {
     let linear = "    p { solver GAMG; smoother DICGaussSeidel; tolerance 1e-9; relTol 0.05; }\n    pFinal { $p; relTol 0; }\n    U { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-10; relTol 0.1; }\n    UFinal { $U; relTol 0; }\n";
     let rest = if steady {
-        "SIMPLE\n{\n    nNonOrthogonalCorrectors 1;\n    consistent yes;\n    residualControl { p 1e-5; U 1e-6; }\n}\nrelaxationFactors { equations { U 0.9; } }\n"
+        "SIMPLE\n{\n    nNonOrthogonalCorrectors 1;\n    consistent yes;\n    residualControl { p 1e-5; U 1e-6; }\n}\nrelaxationFactors { equations { U 0.8; } }\n"
     } else {
         "PIMPLE\n{\n    nOuterCorrectors 2;\n    nCorrectors 2;\n    nNonOrthogonalCorrectors 1;\n}\nrelaxationFactors { equations { \".*\" 1; } }\n"
     };
@@ -294,11 +292,15 @@ fn allrun(solver: &str, processes: u32) -> String {
 # ./Allrun            check the mesh and solve
 # ./Allrun parallel   the same in {n} parts
 cd "${{0%/*}}" || exit 1
+case "$PWD" in *[[:space:]]*) echo "$PWD: OpenFOAM cannot work in a folder whose path has spaces: move the case" >&2; exit 1 ;; esac
 # Debian's package sets no environment.
 [ -n "$WM_PROJECT_DIR" ] || export WM_PROJECT_DIR=/usr/share/openfoam
 set -e
 checkMesh > log.checkMesh 2>&1
 if [ "$1" = parallel ]; then
+    # In containers Open MPI would refuse root and more parts than cores.
+    [ "$(id -u)" != 0 ] || export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+    export OMPI_MCA_rmaps_base_oversubscribe=1
     decomposePar -force > log.decomposePar 2>&1
     mpirun -np {n} {solver} -parallel > log.{solver} 2>&1
     reconstructPar > log.reconstructPar 2>&1
