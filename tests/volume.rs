@@ -5,7 +5,8 @@ mod vessels;
 
 use lumenmesh::mesh::TriMesh;
 use lumenmesh::remesh::Uniform;
-use lumenmesh::volume::{Error, VolumeOptions, WorkerOptions, fill};
+use lumenmesh::quality;
+use lumenmesh::volume::{BuildOptions, Error, VolumeOptions, WorkerOptions, build, fill};
 
 fn options() -> VolumeOptions {
     let worker = WorkerOptions { executable: Some(env!("CARGO_BIN_EXE_lumenmesh").into()), ..WorkerOptions::default() };
@@ -56,4 +57,48 @@ fn a_surface_with_a_hole_is_refused_with_the_place() {
     assert!(matches!(e, Error::Surface(_)));
     let text = e.to_string();
     assert!(text.contains("open") && text.contains("near (") && text.contains("close the holes"), "{text}");
+}
+
+/// A duct with a square section: creases of 90° along it.
+fn duct() -> TriMesh {
+    let t = lumenmesh::geometry::Vector::new(1.0, 2.0, 2.0) / 3.0;
+    let u = lumenmesh::geometry::Vector::new(2.0, 1.0, -2.0) / 3.0;
+    let w = t.cross(&u);
+    let (around, rings, length) = (24, 8, 5.0);
+    let mut s = vessels::tube(4, rings, |s| (lumenmesh::geometry::Point::origin() + t * (s * length), t, u), |_| 2.0);
+    for (i, p) in s.points.iter_mut().enumerate() {
+        let (x, y) = (p.coords.dot(&u), p.coords.dot(&w));
+        let (r, mut phi) = (x.hypot(y), y.atan2(x));
+        // Every second ring of the tube is turned by half a step: turned back, all rings have points on the creases.
+        if i / around <= rings && i / around % 2 == 1 {
+            phi -= std::f64::consts::PI / around as f64;
+        }
+        let r = r / phi.cos().abs().max(phi.sin().abs());
+        *p += u * (r * phi.cos() - x) + w * (r * phi.sin() - y);
+    }
+    s
+}
+
+#[test]
+fn creases_leave_no_cell_that_solvers_refuse() {
+    let s = duct();
+    let (m, _) = build(&s, &Uniform(f64::NAN), &BuildOptions { fill: options(), ..BuildOptions::default() }, None).unwrap();
+    let q = quality::volume(&m, &quality::VolumeOptions::default()).unwrap();
+    assert_eq!(q.openfoam.cells_with_two_boundary_faces, 0);
+    assert_eq!(q.openfoam.determinant_under_0001, 0, "{}", q.openfoam.determinant_min);
+    assert!(q.openfoam.mesh_ok(true));
+    assert!(q.sv_max < 0.85, "{}", q.sv_max);
+    assert!(q.min_dihedral.unwrap() > 15.0 && q.max_dihedral.unwrap() < 155.0, "{:?} {:?}", q.min_dihedral, q.max_dihedral);
+    let faces: Vec<_> = m.boundary.iter().map(|f| ([f.vertices[0], f.vertices[1], f.vertices[2]], f.patch)).collect();
+    assert_eq!(faces, s.triangles.iter().copied().zip(s.patch.iter().copied()).collect::<Vec<_>>());
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_mesh() {
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let o = BuildOptions { fill: options(), ..BuildOptions::default() };
+        pool.install(|| build(&duct(), &Uniform(f64::NAN), &o, None)).unwrap().0
+    };
+    assert!(with(1) == with(3));
 }

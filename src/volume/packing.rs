@@ -11,12 +11,15 @@ use crate::geometry::{Point, Vector};
 use crate::mesh::TriMesh;
 
 /// Least distance from the wall, in local sizes.
-const WALL: f64 = 0.62;
+const WALL: f64 = 0.55;
 /// Least distance between points, in local sizes.
-const APART: f64 = 0.72;
+const APART: f64 = 0.74;
+/// Depth of the first points under the middle of a triangle, in its sizes.
+const SEED: f64 = 0.9;
 /// Cell edge of the body-centred lattice whose tetrahedra have edges of mean length 1: of the six edges four
-/// have √3/2 of it and two all of it.
-const LATTICE: f64 = 6.0 / (2.0 + 4.0 * 0.866_025_403_784_438_6);
+/// have √3/2 of it and two all of it. A little less, since where the size grows each point proposes by its own. These
+/// four figures together give the lowest mean skewness for the number of cells (tubes and aneurysms at three sizes).
+const LATTICE: f64 = 0.984 * 6.0 / (2.0 + 4.0 * 0.866_025_403_784_438_6);
 
 /// Points found so far, by level of size (powers of two) and cell.
 struct Levels {
@@ -205,7 +208,7 @@ pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> 
         let [a, b, c] = surface.corners(t);
         let middle = Point::from((a.coords + b.coords + c.coords) / 3.0);
         let h = surface.triangles[t].iter().map(|&v| sizing.wall_sizes()[v as usize]).sum::<f64>() / 3.0;
-        let (start, seed) = (middle - n * (0.01 * h), middle - n * (1.5 * h));
+        let (start, seed) = (middle - n * (0.01 * h), middle - n * (SEED * h));
         if sizing.bvh().ray(&start, &(seed - start), 1.0).is_none() {
             offer(seed, h, &mut queue);
         }

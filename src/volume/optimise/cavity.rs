@@ -1,7 +1,7 @@
 //! Exchanges that fill a cavity with a cone: contraction of an edge, insertion of a vertex.
 
 use super::complex::{Complex, faces, sorted};
-use super::quality::{quality, volume6};
+use super::quality::{shape, volume6};
 use crate::geometry::{Point, Vector};
 
 /// Contracts an edge of `t` onto its other end where its free end `v` disappears and the worst score rises.
@@ -17,7 +17,7 @@ pub(super) fn contract(c: &mut Complex, t: u32) -> bool {
                 .filter(|s| !s.contains(&w))
                 .map(|s| s.map(|x| if x == v { w } else { x }))
                 .collect();
-            if new.is_empty() || new.iter().any(|&n| quality(&c.corners(n)) <= old.max(0.0)) {
+            if new.is_empty() || new.iter().any(|&n| shape(&c.corners(n)) <= old.max(0.0)) {
                 continue;
             }
             if fills(c, &star, &new) && new.iter().all(|&n| c.score(n) > old) {
@@ -30,8 +30,8 @@ pub(super) fn contract(c: &mut Complex, t: u32) -> bool {
 }
 
 /// Inserts a vertex into the tetrahedra round an edge of `t`, or into `t` and its neighbours, and moves it to
-/// where the worst score is best; kept where that is better than before.
-pub(super) fn insert(c: &mut Complex, t: u32) -> bool {
+/// where the worst score is best; kept where that is better than before, and than `floor`.
+pub(super) fn insert(c: &mut Complex, t: u32, floor: f64) -> bool {
     let corners = c.tets[t as usize];
     let mut cavities: Vec<Vec<u32>> = vec![];
     for i in 0..4 {
@@ -86,7 +86,7 @@ pub(super) fn insert(c: &mut Complex, t: u32) -> bool {
     }
     let mut best: Option<(f64, Point, Vec<u32>, Vec<[u32; 3]>)> = None;
     for cavity in cavities {
-        let old = c.worst(&cavity).max(best.as_ref().map_or(0.0, |b| b.0));
+        let old = c.worst(&cavity).max(best.as_ref().map_or(floor, |b| b.0));
         let shell = shell(c, &cavity);
         let middle = cavity
             .iter()
@@ -140,7 +140,7 @@ fn fills(c: &Complex, old: &[u32], new: &[[u32; 4]]) -> bool {
     (before - after).abs() <= 1e-9 * before
 }
 
-/// The place for the apex of a cone over `shell` with the best worst quality, found from `start` by steps in
+/// The place for the apex of a cone over `shell` with the best worst shape, found from `start` by steps in
 /// fourteen directions.
 fn best_apex(c: &Complex, shell: &[[u32; 3]], start: Point) -> (Point, f64) {
     let corners: Vec<[Point; 3]> = shell.iter().map(|f| f.map(|v| c.points[v as usize])).collect();
@@ -148,38 +148,53 @@ fn best_apex(c: &Complex, shell: &[[u32; 3]], start: Point) -> (Point, f64) {
         .iter()
         .flat_map(|[a, b, d]| [(a - b).norm(), (b - d).norm(), (d - a).norm()])
         .fold(f64::INFINITY, f64::min);
-    let worst = |p: &Point, floor: f64| {
+    let mut cone = Cone { bases: corners.iter().map(|[x, y, z]| [*x, *z, *y]).collect() };
+    let value = cone.worst(&start, f64::NEG_INFINITY);
+    cone.climb(start, value, shortest)
+}
+
+/// Tetrahedra with a common apex that is looked for.
+pub(super) struct Cone {
+    /// Triangles; each is positive with an apex inside.
+    pub bases: Vec<[Point; 3]>,
+}
+
+impl Cone {
+    /// The worst shape with the apex at `p`; where that is not above `floor`, some shape that is not.
+    pub fn worst(&mut self, p: &Point, floor: f64) -> f64 {
         let mut w = f64::INFINITY;
-        for [x, y, z] in &corners {
-            w = w.min(quality(&[*x, *z, *y, *p]));
+        for i in 0..self.bases.len() {
+            let [x, y, z] = self.bases[i];
+            w = w.min(shape(&[x, y, z, *p]));
             if w <= floor {
+                // What refuses one place refuses the next ones too, most likely: it is asked first from now on.
+                self.bases[..=i].rotate_right(1);
                 break;
             }
         }
         w
-    };
-    search(start, worst(&start, f64::NEG_INFINITY), shortest, &worst)
-}
+    }
 
-/// Climbs `worst` from `start` by steps of falling length.
-pub(super) fn search(start: Point, value: f64, length: f64, worst: &dyn Fn(&Point, f64) -> f64) -> (Point, f64) {
-    let (mut p, mut q) = (start, value);
-    for radius in [0.3, 0.12, 0.05, 0.02] {
-        for _ in 0..4 {
-            let mut moved = false;
-            for d in DIRECTIONS {
-                let x = p + Vector::new(d[0], d[1], d[2]) * (radius * length);
-                let w = worst(&x, q);
-                if w > q {
-                    (p, q, moved) = (x, w, true);
+    /// Climbs from `start`, where the worst shape is `value`, by steps of falling length.
+    pub fn climb(&mut self, start: Point, value: f64, length: f64) -> (Point, f64) {
+        let (mut p, mut q) = (start, value);
+        for radius in [0.3, 0.12, 0.05, 0.02] {
+            for _ in 0..4 {
+                let mut moved = false;
+                for d in DIRECTIONS {
+                    let x = p + Vector::new(d[0], d[1], d[2]) * (radius * length);
+                    let w = self.worst(&x, q);
+                    if w > q {
+                        (p, q, moved) = (x, w, true);
+                    }
+                }
+                if !moved {
+                    break;
                 }
             }
-            if !moved {
-                break;
-            }
         }
+        (p, q)
     }
-    (p, q)
 }
 
 const D: f64 = 0.577_350_269_189_625_8;

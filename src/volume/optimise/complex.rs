@@ -1,17 +1,19 @@
 //! Tetrahedra that can be exchanged locally: each vertex knows its tetrahedra, each tetrahedron its quality.
 
-use std::collections::BTreeSet;
-
 use rayon::prelude::*;
 
-use super::quality::quality;
+use super::quality::shape;
 use crate::geometry::Point;
 
 const DEAD: u32 = u32::MAX;
 
-/// Two faces on the surface make a cell that OpenFOAM's determinant check dislikes: it counts as this bad at best.
+/// Two faces on the surface leave a cell two inner faces, and OpenFOAM's determinant is 0: it counts as this bad at
+/// best while others are improved too,
 const TWO_FACES: f64 = 0.2;
+/// and as this part of its shape when it is to go at any price.
+const TWO_FACES_STRICT: f64 = 1e-3;
 
+#[derive(Clone)]
 pub(super) struct Complex {
     pub points: Vec<Point>,
     pub tets: Vec<[u32; 4]>,
@@ -21,9 +23,14 @@ pub(super) struct Complex {
     pub stars: Vec<Vec<u32>>,
     /// Whether a vertex may not move.
     pub frozen: Vec<bool>,
-    /// Score of a tetrahedron with two faces on the surface, at best.
-    pub two_faces: f64,
-    surface: BTreeSet<[u32; 3]>,
+    /// Whether tetrahedra with two faces on the surface are worse than any other.
+    pub strict: bool,
+    /// Faces on the surface, sorted; those of one least vertex follow each other from `surface_from` of it on.
+    surface: Vec<[u32; 3]>,
+    surface_from: Vec<u32>,
+    /// Number of changes so far, and at each vertex the last one in its star.
+    changes: u32,
+    touched: Vec<u32>,
     free: Vec<u32>,
 }
 
@@ -52,8 +59,14 @@ impl Complex {
         for (t, c) in tets.iter().enumerate() {
             c.iter().for_each(|&v| stars[v as usize].push(t as u32));
         }
-        let surface = surface.into_iter().collect();
-        let mut c = Complex { points, tets, scores: vec![], stars, frozen, two_faces: TWO_FACES, surface, free: vec![] };
+        surface.sort_unstable();
+        let mut surface_from = vec![0u32; points.len() + 1];
+        surface.iter().for_each(|f| surface_from[f[0] as usize + 1] += 1);
+        for v in 0..points.len() {
+            surface_from[v + 1] += surface_from[v];
+        }
+        let mut c = Complex { points, tets, scores: vec![], stars, frozen, strict: false, surface, surface_from, changes: 0, touched: vec![], free: vec![] };
+        c.touched = vec![0; c.points.len()];
         c.rescore();
         c
     }
@@ -78,16 +91,28 @@ impl Complex {
     }
 
     pub fn is_surface(&self, f: [u32; 3]) -> bool {
-        f.iter().all(|&v| self.frozen[v as usize]) && self.surface.contains(&sorted(f))
+        if !f.iter().all(|&v| self.frozen[v as usize]) {
+            return false;
+        }
+        let f = sorted(f);
+        let v = f[0] as usize;
+        // Vertices added since are free, but an id may lie beyond the table all the same.
+        let range = self.surface_from.get(v).zip(self.surface_from.get(v + 1));
+        range.is_some_and(|(&a, &b)| self.surface[a as usize..b as usize].contains(&f))
     }
 
-    /// Quality, held down for cells with two faces on the surface.
+    /// Shape, held down for cells with two faces on the surface.
     pub fn score(&self, t: [u32; 4]) -> f64 {
-        let q = quality(&self.corners(t));
-        if q > self.two_faces && t.iter().all(|&v| self.frozen[v as usize]) && self.surface_faces(t) > 1 {
-            return self.two_faces;
+        let q = shape(&self.corners(t));
+        if q > 0.0 && self.is_wedge(t) {
+            return if self.strict { TWO_FACES_STRICT * q } else { q.min(TWO_FACES) };
         }
         q
+    }
+
+    /// Whether `t` has two or more faces on the surface.
+    pub fn is_wedge(&self, t: [u32; 4]) -> bool {
+        t.iter().all(|&v| self.frozen[v as usize]) && self.surface_faces(t) > 1
     }
 
     /// The tetrahedron on the other side of face `f` of `t`.
@@ -140,10 +165,22 @@ impl Complex {
         Some(if even { (t[k], t[l]) } else { (t[l], t[k]) })
     }
 
+    /// Number of changes so far: what was tried at that time fails again while [`Complex::last_change`] is not later.
+    pub fn now(&self) -> u32 {
+        self.changes
+    }
+
+    /// The last change at the vertices of `t`.
+    pub fn last_change(&self, t: u32) -> u32 {
+        self.tets[t as usize].map(|v| self.touched[v as usize]).into_iter().fold(0, u32::max)
+    }
+
     /// Exchanges tetrahedra.
     pub fn replace(&mut self, old: &[u32], new: &[[u32; 4]]) {
+        self.changes += 1;
         for &t in old {
             for v in self.tets[t as usize] {
+                self.touched[v as usize] = self.changes;
                 let star = &mut self.stars[v as usize];
                 if let Some(i) = star.iter().position(|&x| x == t) {
                     star.swap_remove(i);
@@ -167,7 +204,10 @@ impl Complex {
                     self.tets.len() as u32 - 1
                 }
             };
-            c.iter().for_each(|&v| self.stars[v as usize].push(t));
+            for v in c {
+                self.touched[v as usize] = self.changes;
+                self.stars[v as usize].push(t);
+            }
         }
     }
 
@@ -176,15 +216,18 @@ impl Complex {
         self.points.push(p);
         self.stars.push(Vec::with_capacity(16));
         self.frozen.push(false);
+        self.touched.push(0);
         self.points.len() as u32 - 1
     }
 
     /// Moves a vertex.
     pub fn set_point(&mut self, v: u32, p: Point) {
         self.points[v as usize] = p;
+        self.changes += 1;
         for i in 0..self.stars[v as usize].len() {
             let t = self.stars[v as usize][i] as usize;
             self.scores[t] = self.score(self.tets[t]);
+            self.tets[t].iter().for_each(|&w| self.touched[w as usize] = self.changes);
         }
     }
 

@@ -1,16 +1,16 @@
 //! Exchanges that move no vertex: edge removal (3-2, 4-4, n-(2n−4)) and the 2-3 flip.
 
 use super::complex::{Complex, faces};
-use super::quality::quality;
+use super::quality::shape;
 
 /// Longest ring of an edge that is removed.
 const LONGEST_RING: usize = 10;
 
 /// Removes edge ab if the best triangulation of its ring (by dynamic programming, after Klincsek) has a better worst
-/// score than the tetrahedra that are there now.
-pub(super) fn remove_edge(c: &mut Complex, a: u32, b: u32) -> bool {
+/// score than the tetrahedra that are there now, and than `floor`.
+pub(super) fn remove_edge(c: &mut Complex, a: u32, b: u32, floor: f64) -> bool {
     let Some((star, ring)) = c.ring(a, b, LONGEST_RING) else { return false };
-    let old = c.worst(&star);
+    let old = c.worst(&star).max(floor);
     let n = ring.len();
     let mut best = [[f64::INFINITY; LONGEST_RING]; LONGEST_RING];
     let mut middle = [[0usize; LONGEST_RING]; LONGEST_RING];
@@ -26,9 +26,9 @@ pub(super) fn remove_edge(c: &mut Complex, a: u32, b: u32) -> bool {
                     continue;
                 }
                 let (x, y, z) = (p(ring[i]), p(ring[k]), p(ring[j]));
-                let mut q = bound.min(quality(&[x, y, z, pb]));
+                let mut q = bound.min(shape(&[x, y, z, pb]));
                 if q > old.max(top) {
-                    q = q.min(quality(&[x, z, y, pa]));
+                    q = q.min(shape(&[x, z, y, pa]));
                 }
                 if q > top {
                     top = q;
@@ -57,7 +57,7 @@ pub(super) fn remove_edge(c: &mut Complex, a: u32, b: u32) -> bool {
 }
 
 /// Two tetrahedra at a face become three at an edge, where that is better.
-pub(super) fn flip_23(c: &mut Complex, t: u32, face: usize) -> bool {
+pub(super) fn flip_23(c: &mut Complex, t: u32, face: usize, floor: f64) -> bool {
     let corners = c.tets[t as usize];
     let f = faces(corners)[face];
     let a = corners[face];
@@ -66,10 +66,10 @@ pub(super) fn flip_23(c: &mut Complex, t: u32, face: usize) -> bool {
     }
     let Some(o) = c.across(t, f) else { return false };
     let Some(&b) = c.tets[o as usize].iter().find(|v| !f.contains(v)) else { return false };
-    let old = c.worst(&[t, o]);
+    let old = c.worst(&[t, o]).max(floor);
     let [x, y, z] = f;
     let new = [[a, b, x, y], [a, b, y, z], [a, b, z, x]];
-    if new.iter().any(|&t| quality(&c.corners(t)) <= old) {
+    if new.iter().any(|&t| shape(&c.corners(t)) <= old) {
         return false;
     }
     accept(c, &[t, o], &new, old)

@@ -9,6 +9,7 @@ mod cavity;
 mod complex;
 mod flips;
 pub mod quality;
+mod restart;
 mod smooth;
 
 use rayon::prelude::*;
@@ -20,24 +21,28 @@ use complex::Complex;
 /// How far the optimiser goes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OptimiseOptions {
-    /// Rounds of smoothing over all vertices before the exchanges, and half as many after.
+    /// Rounds of smoothing over all vertices before the exchanges, and half as many in their middle.
     pub smoothing_rounds: u32,
     /// Tetrahedra with an equi-volume skewness above this are worked on.
     pub work_above: f64,
     /// Above this, vertices are inserted too.
     pub insert_above: f64,
-    /// Most passes over the bad tetrahedra.
+    /// Most passes over the bad tetrahedra, half of them before the second smoothing.
     pub passes: u32,
+    /// Above this, neighbourhoods are worked on again from other positions at the end.
+    pub restart_above: f64,
+    /// Most rounds of that.
+    pub restarts: u32,
 }
 
 impl Default for OptimiseOptions {
     fn default() -> Self {
-        OptimiseOptions { smoothing_rounds: 4, work_above: 0.55, insert_above: 0.68, passes: 8 }
+        OptimiseOptions { smoothing_rounds: 5, work_above: 0.55, insert_above: 0.68, passes: 8, restart_above: 0.75, restarts: 3 }
     }
 }
 
 /// Equi-volume skewness and dihedral angles of a set of tetrahedra.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct TetQuality {
     /// Largest equi-volume skewness.
     pub max: f64,
@@ -54,7 +59,7 @@ pub struct TetQuality {
 }
 
 /// What the optimiser did.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct OptimiseSummary {
     /// Before.
     pub before: TetQuality,
@@ -72,6 +77,8 @@ pub struct OptimiseSummary {
     pub contracted: usize,
     /// Vertices inserted.
     pub inserted: usize,
+    /// Neighbourhoods that became better from another start.
+    pub restarted: usize,
     /// Passes over the bad tetrahedra.
     pub passes: u32,
     /// Seconds.
@@ -82,8 +89,8 @@ pub struct OptimiseSummary {
 /// Improves the tetrahedra of `mesh`; its boundary faces, the points on them and its prisms stay as they are.
 ///
 /// Points on the boundary or of prisms keep their ids and stand first if they did. No tetrahedron ends up worse than
-/// the worst at the beginning, unless a tetrahedron with two faces on the boundary could be had off for one of
-/// skewness under 0.92. Not guaranteed: that the targets are reached, when the surface does not allow it.
+/// the worst at the beginning; one with two faces on the boundary counts as worse than any other, since OpenFOAM's
+/// determinant is 0 there. Not guaranteed: that the targets are reached, when the surface does not allow it.
 pub fn optimise(mesh: &mut VolumeMesh, options: &OptimiseOptions) -> OptimiseSummary {
     let begin = std::time::Instant::now();
     let boundary = check_free_boundary(mesh);
@@ -91,47 +98,40 @@ pub fn optimise(mesh: &mut VolumeMesh, options: &OptimiseOptions) -> OptimiseSum
     for v in mesh.prisms.iter().flatten() {
         c.frozen[*v as usize] = true;
     }
-    let before = measure(&c);
-    let mut s = OptimiseSummary {
-        before,
-        after: before,
-        smoothed: 0,
-        relaxed: 0,
-        edges_removed: 0,
-        faces_flipped: 0,
-        contracted: 0,
-        inserted: 0,
-        passes: 0,
-        seconds: 0.0,
-    };
+    let mut s = OptimiseSummary { before: measure(&c), ..OptimiseSummary::default() };
+    let work = 1.0 - options.work_above;
+    let insert = 1.0 - options.insert_above;
     // Flips first: smoothing is held up by flat tetrahedra.
-    exchange(&mut c, 1.0 - options.work_above, None, false, &mut s);
+    exchange(&mut c, &mut Effort::new(work, None, false), &mut s);
     for half in 0..2 {
         let colours = smooth::colours(&c);
         for _ in 0..options.smoothing_rounds.div_ceil(1 + half) {
             s.smoothed += smooth::sweep(&mut c, &colours);
         }
         c.rescore();
+        let mut effort = Effort::new(work, (half > 0).then_some(insert), true);
         for _ in 0..options.passes.div_ceil(2) {
             s.passes += 1;
-            let insert = (half > 0).then_some(1.0 - options.insert_above);
-            if exchange(&mut c, 1.0 - options.work_above, insert, true, &mut s) == 0 {
+            if exchange(&mut c, &mut effort, &mut s) == 0 {
                 break;
             }
         }
     }
-    // Exchanges of the last pass may have left wedges at a rim; each repair may leave another to work on.
-    for round in 0..6 {
-        if wedges(&mut c, &mut s) == 0 {
-            if round > 3 || !has_wedges(&c) {
-                break;
-            }
-            // A failing determinant is worse than a tetrahedron that is merely poor: settle for less, once more.
-            c.two_faces = (0.5 * c.two_faces).max(0.08);
-            c.rescore();
-            continue;
+    // What is left: first the wedges at any price, then whatever came out poor.
+    c.strict = true;
+    c.rescore();
+    for _ in 0..3 {
+        let done = wedges(&mut c, &mut s);
+        let mut effort = Effort::new(insert, Some(insert), true);
+        for _ in 0..3 {
+            exchange(&mut c, &mut effort, &mut s);
         }
-        exchange(&mut c, 1.0 - options.insert_above, Some(1.0 - options.insert_above), true, &mut s);
+        if done == 0 {
+            break;
+        }
+    }
+    for round in 0..options.restarts {
+        restart::restart(&mut c, 1.0 - options.restart_above, round, &mut s);
     }
     s.after = measure(&c);
     (mesh.points, mesh.tets) = c.finish();
@@ -147,63 +147,99 @@ fn check_free_boundary(mesh: &VolumeMesh) -> Vec<[u32; 3]> {
     super::check::boundary_faces(&mesh.tets)
 }
 
-/// One pass over the tetrahedra with a score under `goal`, worst first. Gives the number of exchanges.
-fn exchange(c: &mut Complex, goal: f64, insert: Option<f64>, thorough: bool, s: &mut OptimiseSummary) -> usize {
+/// What passes do.
+struct Effort {
+    /// Tetrahedra with a score under this are worked on.
+    goal: f64,
+    /// Under this, vertices are inserted too.
+    insert: Option<f64>,
+    /// Whether vertices are moved and edges contracted too.
+    thorough: bool,
+    /// When a tetrahedron was last tried in vain, one more than the number of changes then.
+    tried: Vec<u32>,
+}
+
+impl Effort {
+    fn new(goal: f64, insert: Option<f64>, thorough: bool) -> Effort {
+        Effort { goal, insert, thorough, tried: vec![] }
+    }
+}
+
+/// One pass over the tetrahedra with a score under the effort's goal, worst first, without those round which nothing
+/// has changed since they were tried. Gives the number of exchanges.
+fn exchange(c: &mut Complex, effort: &mut Effort, s: &mut OptimiseSummary) -> usize {
+    effort.tried.resize(effort.tried.len().max(c.tets.len()), 0);
+    let again = |t: u32| effort.tried[t as usize] == 0 || c.last_change(t) >= effort.tried[t as usize];
     let mut bad: Vec<(f64, u32)> = (0..c.tets.len() as u32)
         .into_par_iter()
-        .filter(|&t| c.scores[t as usize] < goal)
+        .with_min_len(4096)
+        .filter(|&t| c.scores[t as usize] < effort.goal && again(t))
         .map(|t| (c.scores[t as usize], t))
         .collect();
-    bad.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    bad.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut done = 0;
     for (score, t) in bad {
         // Gone or better since: the next pass sees what is left.
         if !c.alive(t) || c.scores[t as usize] != score {
             continue;
         }
-        done += usize::from(improve(c, t, insert, thorough, s));
-    }
-    done
-}
-
-fn has_wedges(c: &Complex) -> bool {
-    (0..c.tets.len() as u32).into_par_iter().any(|t| c.alive(t) && c.surface_faces(c.tets[t as usize]) > 1)
-}
-
-/// Works on the tetrahedra with two faces on the surface alone. Gives the number of exchanges.
-fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> usize {
-    let found: Vec<u32> = (0..c.tets.len() as u32)
-        .into_par_iter()
-        .filter(|&t| c.scores[t as usize] <= c.two_faces && c.surface_faces(c.tets[t as usize]) > 1)
-        .collect();
-    let mut done = 0;
-    for t in found {
-        if c.alive(t) && c.surface_faces(c.tets[t as usize]) > 1 && improve(c, t, Some(1.0), true, s) {
+        if improve(c, t, effort, s) {
             done += 1;
+        } else {
+            effort.tried[t as usize] = c.now() + 1;
         }
     }
     done
 }
 
-/// Tries everything on one tetrahedron; the first success counts.
-fn improve(c: &mut Complex, t: u32, insert: Option<f64>, thorough: bool, s: &mut OptimiseSummary) -> bool {
+/// Works on the tetrahedra with two faces on the surface alone; of all ways out the best counts. Gives how many went.
+fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> usize {
+    let found: Vec<u32> = (0..c.tets.len() as u32).into_par_iter().filter(|&t| c.alive(t) && c.is_wedge(c.tets[t as usize])).collect();
+    let mut done = 0;
+    for t in found {
+        for floor in [0.45, 0.35, 0.25, 0.15, 0.05, 0.0] {
+            if !c.alive(t) || !c.is_wedge(c.tets[t as usize]) {
+                break;
+            }
+            if flip(c, t, floor, s) {
+                done += 1;
+            } else if cavity::insert(c, t, floor) {
+                s.inserted += 1;
+                done += 1;
+            }
+        }
+    }
+    done
+}
+
+/// Edge removal and 2-3 flips with a worst score above `floor`; the first success counts.
+fn flip(c: &mut Complex, t: u32, floor: f64, s: &mut OptimiseSummary) -> bool {
     let corners = c.tets[t as usize];
-    let score = c.scores[t as usize];
     for i in 0..4 {
         for j in 0..i {
-            if flips::remove_edge(c, corners[i], corners[j]) {
+            if flips::remove_edge(c, corners[i], corners[j], floor) {
                 s.edges_removed += 1;
                 return true;
             }
         }
     }
     for face in 0..4 {
-        if flips::flip_23(c, t, face) {
+        if flips::flip_23(c, t, face, floor) {
             s.faces_flipped += 1;
             return true;
         }
     }
-    if thorough {
+    false
+}
+
+/// Tries everything on one tetrahedron; the first success counts.
+fn improve(c: &mut Complex, t: u32, effort: &Effort, s: &mut OptimiseSummary) -> bool {
+    let corners = c.tets[t as usize];
+    let score = c.scores[t as usize];
+    if flip(c, t, 0.0, s) {
+        return true;
+    }
+    if effort.thorough {
         for v in corners {
             // Only a vertex whose star has this tetrahedron as its worst can help it.
             if !c.frozen[v as usize] && c.worst(&c.stars[v as usize]) >= score && smooth::relax(c, v) {
@@ -218,7 +254,7 @@ fn improve(c: &mut Complex, t: u32, insert: Option<f64>, thorough: bool, s: &mut
             return true;
         }
     }
-    if insert.is_some_and(|q| score < q) && cavity::insert(c, t) {
+    if effort.insert.is_some_and(|q| score < q) && cavity::insert(c, t, 0.0) {
         s.inserted += 1;
         return true;
     }

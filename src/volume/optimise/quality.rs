@@ -24,6 +24,30 @@ pub fn quality(p: &[Point; 4]) -> f64 {
     if six > 0.0 { q } else { -q }
 }
 
+/// [`quality`], held down where a dihedral angle is sharp or flat: 0.2 at 15° and at 155°, the limits aimed at.
+pub fn shape(p: &[Point; 4]) -> f64 {
+    let q = quality(p);
+    // A better tetrahedron has no such angle.
+    if q <= 0.0 || q >= 0.5 { q } else { q.min(angles(p)) }
+}
+
+/// Sine of the dihedral angles over that of 15° (acute) and of 155° (obtuse), the least, times 0.2.
+fn angles(p: &[Point; 4]) -> f64 {
+    const ACUTE: f64 = 0.2 / 0.258_819_045_102_520_74;
+    const OBTUSE: f64 = 0.2 / 0.422_618_261_740_699_4;
+    let n = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]].map(|[a, b, c]: [usize; 3]| (p[b] - p[a]).cross(&(p[c] - p[a])));
+    let l = n.map(|v| v.norm_squared());
+    let mut least = 1.0f64;
+    for i in 0..4 {
+        for j in 0..i {
+            let d = n[i].dot(&n[j]);
+            let sine = (1.0 - d * d / (l[i] * l[j])).max(0.0).sqrt();
+            least = least.min(sine * if d < 0.0 { ACUTE } else { OBTUSE });
+        }
+    }
+    least
+}
+
 /// Six times the volume.
 pub fn volume6(p: &[Point; 4]) -> f64 {
     (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]))
@@ -64,6 +88,23 @@ mod tests {
         }
         let flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]].map(Point::from);
         assert_eq!(quality(&flat), 0.0);
+    }
+
+    #[test]
+    fn sharp_and_flat_angles_hold_the_shape_down() {
+        // Two equilateral triangles hinged at an edge, opened by an angle.
+        let hinge = |degrees: f64| {
+            let (s, c) = degrees.to_radians().sin_cos();
+            let h = 0.75f64.sqrt();
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, h, 0.0], [0.5, h * c, h * s]].map(Point::from)
+        };
+        for degrees in [15.0, 155.0] {
+            let p = hinge(degrees);
+            assert!((angles(&p) - 0.2).abs() < 1e-9 || dihedral_range(&p).0 < 15.0, "{degrees}: {}", angles(&p));
+            assert!(shape(&p) <= 0.2 + 1e-9);
+        }
+        assert_eq!(shape(&hinge(70.528_779)), quality(&hinge(70.528_779)));
+        assert!(shape(&hinge(10.0)) < shape(&hinge(20.0)) && shape(&hinge(160.0)) < shape(&hinge(140.0)));
     }
 
     #[test]

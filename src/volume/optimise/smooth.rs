@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::cavity::search;
-use super::complex::Complex;
-use super::quality::{quality, volume6};
+use super::cavity::Cone;
+use super::complex::{Complex, faces};
+use super::quality::{shape, volume6};
 use crate::geometry::{Point, Vector};
 
 /// Below this a star's worst quality may not fall for the sake of its mean.
@@ -59,6 +59,16 @@ pub(super) fn colours(c: &Complex) -> Vec<Vec<u32>> {
     classes
 }
 
+/// Moves one free vertex as [`sweep`] does.
+pub(super) fn improve_mean(c: &mut Complex, v: u32) {
+    if !c.frozen[v as usize]
+        && !c.stars[v as usize].is_empty()
+        && let Some(p) = better_place(c, v)
+    {
+        c.set_point(v, p);
+    }
+}
+
 fn better_place(c: &Complex, v: u32) -> Option<Point> {
     let star = &c.stars[v as usize];
     let here = c.points[v as usize];
@@ -67,7 +77,7 @@ fn better_place(c: &Complex, v: u32) -> Option<Point> {
     for &t in star {
         let p = c.corners(c.tets[t as usize]);
         let six = volume6(&p);
-        let q = quality(&p);
+        let q = shape(&p);
         sum += q;
         worst = worst.min(q);
         let centre = (p[0].coords + p[1].coords + p[2].coords + p[3].coords) / 4.0;
@@ -80,26 +90,31 @@ fn better_place(c: &Complex, v: u32) -> Option<Point> {
         return None;
     }
     let floor = worst.min(FLOOR);
-    let mut best = None;
     let mut top = sum + 1e-4 * star.len() as f64;
-    for target in [odt / volume, cpt / volume] {
-        for step in [1.0, 0.5] {
+    let mut best = None;
+    // Half a step where a whole one is not better.
+    for step in [1.0, 0.5] {
+        for target in [odt / volume, cpt / volume] {
             let p = here + (Point::from(target) - here) * step;
+            let mut left = star.len() as f64;
             let mut s = 0.0;
-            let mut ok = true;
             for &t in star {
                 let x = c.tets[t as usize].map(|w| if w == v { p } else { c.points[w as usize] });
-                let q = quality(&x);
-                if q < floor || q <= 0.0 {
-                    ok = false;
+                let q = shape(&x);
+                s += q;
+                left -= 1.0;
+                if q < floor || q <= 0.0 || s + left <= top {
+                    s = 0.0;
                     break;
                 }
-                s += q;
             }
-            if ok && s > top {
+            if s > top {
                 top = s;
                 best = Some(p);
             }
+        }
+        if best.is_some() {
+            break;
         }
     }
     best
@@ -119,36 +134,31 @@ pub(super) fn relax(c: &mut Complex, v: u32) -> bool {
     let star = &c.stars[v as usize];
     let old = c.worst(star);
     let here = c.points[v as usize];
-    let faces: Vec<[u32; 4]> = star.iter().map(|&t| c.tets[t as usize]).collect();
     let mut shortest = f64::INFINITY;
     let mut centre = Vector::zeros();
-    for t in &faces {
-        for &w in t.iter().filter(|&&w| w != v) {
-            shortest = shortest.min((c.points[w as usize] - here).norm());
-            centre += c.points[w as usize].coords;
+    let mut cone = Cone { bases: Vec::with_capacity(star.len()) };
+    for &t in star {
+        let t = c.tets[t as usize];
+        let Some(i) = t.iter().position(|&w| w == v) else { continue };
+        // Across from v, seen so that v makes a positive tetrahedron.
+        let base = faces(t)[i].map(|w| c.points[w as usize]);
+        for p in base {
+            shortest = shortest.min((p - here).norm());
+            centre += p.coords;
         }
+        cone.bases.push([base[0], base[2], base[1]]);
     }
-    centre /= 3.0 * faces.len() as f64;
-    let worst = |p: &Point, floor: f64| {
-        let mut w = f64::INFINITY;
-        for t in &faces {
-            w = w.min(quality(&t.map(|x| if x == v { *p } else { c.points[x as usize] })));
-            if w <= floor {
-                break;
-            }
-        }
-        w
-    };
-    let (mut start, mut value) = (here, worst(&here, f64::NEG_INFINITY));
+    centre /= 3.0 * cone.bases.len() as f64;
+    let (mut start, mut value) = (here, cone.worst(&here, f64::NEG_INFINITY));
     for step in [1.0, 0.5] {
         let p = here + (Point::from(centre) - here) * step;
-        let w = worst(&p, value);
+        let w = cone.worst(&p, value);
         if w > value {
             (start, value) = (p, w);
             break;
         }
     }
-    let (p, q) = search(start, value, shortest, &worst);
+    let (p, q) = cone.climb(start, value, shortest);
     // A score held down by two faces on the surface does not rise by moving: their vertices are frozen anyway.
     if q <= old + 1e-6 {
         return false;
