@@ -44,7 +44,10 @@ pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], amount: 
         let before = kept.len();
         kept.retain(|&(l, thin)| {
             let n = at(&labels[l]);
-            if thin || !is_simple(gather(&data, size, n, |v| v != 0)) {
+            // Simple whichever of lumen and background counts as connected over edges: what the fit does at a contact
+            // of two voxels is not known.
+            let simple = || is_simple(gather(&data, size, n, |v| v != 0)) && is_simple(gather(&data, size, n, |v| v == 0));
+            if thin || !simple() {
                 return true;
             }
             data[n] ^= 1;
