@@ -21,10 +21,11 @@
 mod band;
 mod critical;
 mod labels;
+mod neighbourhood;
 mod solve;
 mod spline;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Matrix3;
 use rayon::prelude::*;
@@ -35,6 +36,7 @@ use crate::geometry::{Aabb, Point, Vector};
 use crate::mask::{Grid, Mask};
 use band::{Band, Nodes};
 use labels::{Labels, Near};
+use neighbourhood::Neighbourhood;
 use solve::{Effort, Problem, Weights};
 use spline::{NODES, TILE, TILE_LEN, Tile, TiledSpline};
 
@@ -59,7 +61,7 @@ pub struct SmoothOptions {
 
 impl Default for SmoothOptions {
     fn default() -> Self {
-        SmoothOptions { smoothness: 1.0, sigma: 0.1, gauge: 1.0, steps: 4, products: 12, refine_beyond: 0.1, repairs: 8 }
+        SmoothOptions { smoothness: 1.0, sigma: 0.1, gauge: 1.0, steps: 4, products: 12, refine_beyond: 0.2, repairs: 8 }
     }
 }
 
@@ -216,10 +218,8 @@ pub fn fit(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, Smoo
         contradicted: 0,
         contradictions: Vec::new(),
     };
-    hard.extend(coarse.must_keep(mask, &c));
-    hard.sort_unstable();
-    hard.dedup();
     let base = Coarse { mask, level: coarse, c, near: &near, weights, effort: Effort { sigma: options.sigma, ..effort } };
+    hard.extend(base.must_keep(None));
     let fine = if hard.is_empty() { TiledSpline::nowhere() } else { base.refine(&hard, options.repairs, &mut summary) };
     let Coarse { level: coarse, c, .. } = base;
     let nodes = coarse.band.nodes;
@@ -260,11 +260,10 @@ impl Level {
         (0..values.len()).filter(|&i| f32::from(self.labels.labels[i].sign) * values[i][0] < least).collect()
     }
 
-    /// Contradicted labels that the topology needs.
-    fn must_keep(&self, mask: &Mask, c: &[f32]) -> Vec<usize> {
-        let values = self.labels.sample(c);
+    /// Labels of this level, with these values, that are contradicted and that the topology needs.
+    fn must_keep(&self, mask: &Mask, values: &[[f32; 4]]) -> Vec<usize> {
         let amount = |l: usize| -f32::from(self.labels.labels[l].sign) * values[l][0];
-        critical::critical(mask, &self.labels.labels, &self.below(&values, 0.02), amount)
+        critical::critical(mask, &self.labels.labels, &self.below(values, 0.0), amount)
     }
 }
 
@@ -284,6 +283,8 @@ struct Coarse<'a> {
 /// How far from a contradicted label coefficients may change, and how far their energy reaches, voxels.
 const FREE: usize = 3;
 const REACH: usize = FREE + 6;
+/// Values of neighbours, smallest spacings, up to which what lies between them is looked at.
+const PINCH: f32 = 0.25;
 /// By how much a label's margin grows from round to round, smallest spacings.
 const MARGIN: f32 = 0.15;
 
@@ -296,38 +297,93 @@ struct Patch {
 
 impl Coarse<'_> {
     /// The finest level round some voxels, its coefficients from the level before.
-    fn patch(&self, voxels: &[[i16; 3]]) -> Patch {
-        let reach = Neighbourhood::of(self.mask, voxels, REACH);
-        let near: Vec<Near> = self.near.iter().filter(|n| reach.holds(n.voxel.map(i64::from))).copied().collect();
+    fn patch(&self, voxels: &BTreeSet<[i16; 3]>) -> Patch {
+        let voxels = &voxels.iter().copied().collect::<Vec<_>>();
+        let reach = Neighbourhood::of(self.mask.grid.dims, voxels, REACH);
+        let near: Vec<Near> = self.near.iter().filter(|n| reach.holds(n.voxel)).copied().collect();
         let nodes = self.level.band.nodes;
         let nodes = Nodes { step: 1, low: nodes.low.map(|l| 2 * l), dims: nodes.dims.map(|d| 2 * d), ..nodes };
-        let level = Level::new(self.mask, nodes, &near, true, self.weights.scale);
-        let free = Neighbourhood::of(self.mask, voxels, FREE);
+        let mut level = Level::new(self.mask, nodes, &near, true, self.weights.scale);
+        let free = Neighbourhood::of(self.mask.grid.dims, voxels, FREE);
         let mut frozen = Vec::with_capacity(level.band.len());
         for r in &level.band.runs {
-            frozen.extend((r.x..r.x + r.len as i32).map(|x| !free.holds(nodes.voxel([x, r.y, r.z]))));
+            frozen.extend((r.x..r.x + r.len as i32).map(|x| !free.holds(nodes.voxel([x, r.y, r.z]).map(|v| v as i16))));
         }
+        level.band.skip_frozen(&frozen);
+        level.labels.skip_frozen(&frozen);
         let c = subdivide(&self.level.band, &self.c, &level.band);
         Patch { level, c, frozen }
+    }
+
+    /// Labels that the topology needs and the function contradicts, or nearly so, with a patch where there is one.
+    fn must_keep(&self, patch: Option<&Patch>) -> Vec<usize> {
+        let labels = &self.level.labels;
+        let mut values = labels.sample(&self.c);
+        if let Some(patch) = patch {
+            let fine = patch.level.labels.sample(&patch.c);
+            let fine: BTreeMap<[i16; 3], [f32; 4]> = patch.level.labels.labels.iter().map(|l| l.voxel).zip(fine).collect();
+            values.iter_mut().zip(&labels.labels).for_each(|(v, l)| *v = fine.get(&l.voxel).copied().unwrap_or(*v));
+        }
+        let mut keep = self.level.must_keep(self.mask, &values);
+        keep.extend(self.pinched(&values, patch));
+        keep.sort_unstable();
+        keep.dedup();
+        keep
+    }
+
+    /// Neighbours between which the function changes its sign twice: a neck or a gap thinner than a voxel.
+    fn pinched(&self, values: &[[f32; 4]], patch: Option<&Patch>) -> Vec<usize> {
+        let labels = &self.level.labels.labels;
+        let close: BTreeMap<[i16; 3], usize> =
+            (0..labels.len()).filter(|&l| values[l][0].abs() < PINCH).map(|l| (labels[l].voxel, l)).collect();
+        let pairs: Vec<(usize, usize, usize)> = close
+            .iter()
+            .flat_map(|(v, &l)| {
+                (0..3).filter_map(|a| {
+                    let mut w = *v;
+                    w[a] += 1;
+                    let &m = close.get(&w)?;
+                    ((values[l][0] < 0.0) == (values[m][0] < 0.0)).then_some((l, m, a))
+                })
+                .collect::<Vec<_>>()
+            })
+            .collect();
+        pairs
+            .into_par_iter()
+            .filter(|&(l, _, a)| {
+                let mut middle = Vector::from(labels[l].voxel.map(f64::from));
+                middle[a] += 0.5;
+                let fine = patch.and_then(|p| p.level.band.value(&p.c, &middle));
+                let value = fine.or_else(|| self.level.band.value(&self.c, &middle));
+                value.is_some_and(|v| (v < 0.0) != (values[l][0] < 0.0))
+            })
+            .flat_map_iter(|(l, m, _)| [l, m])
+            .collect()
     }
 
     /// Subdivides the spline round the labels `hard`, fits it there again and gives the labels that the topology needs
     /// a growing margin until none is contradicted or `rounds` are over.
     fn refine(&self, hard: &[usize], rounds: usize, summary: &mut SmoothSummary) -> TiledSpline {
         let mask = self.mask;
-        let voxels: Vec<[i16; 3]> = hard.iter().map(|&l| self.level.labels.labels[l].voxel).collect();
+        let voxel = |l: &usize| self.level.labels.labels[*l].voxel;
+        let mut voxels: BTreeSet<[i16; 3]> = hard.iter().map(voxel).collect();
         let mut all = self.patch(&voxels);
         let problem = Problem { band: &all.level.band, labels: &all.level.labels, weights: self.weights, frozen: &all.frozen };
         summary.products[1] += problem.newton(&mut all.c, &[], self.effort);
         let mut margins = BTreeMap::new();
-        let mut left = all.level.must_keep(mask, &all.c);
+        let mut left = self.must_keep(Some(&all));
         for _ in 0..rounds {
             if left.is_empty() {
                 break;
             }
-            let voxels: Vec<[i16; 3]> = left.iter().map(|&l| all.level.labels.labels[l].voxel).collect();
-            voxels.iter().for_each(|v| *margins.entry(*v).or_insert(0.0f32) += MARGIN);
-            let mut part = self.patch(&voxels);
+            let new: BTreeSet<[i16; 3]> = left.iter().map(voxel).collect();
+            new.iter().for_each(|v| *margins.entry(*v).or_insert(0.0f32) += MARGIN);
+            if !new.is_subset(&voxels) {
+                voxels.extend(&new);
+                let before = std::mem::replace(&mut all, self.patch(&voxels));
+                all.take(&before, true);
+            }
+            let mut part = self.patch(&new);
             part.take(&all, false);
             let labels = &part.level.labels;
             let margin: Vec<f32> = labels.labels.iter().map(|l| margins.get(&l.voxel).copied().unwrap_or(0.0)).collect();
@@ -335,13 +391,13 @@ impl Coarse<'_> {
             let effort = Effort { products: 2 * self.effort.products, ..self.effort };
             summary.products[1] += problem.newton(&mut part.c, &margin, effort);
             all.take(&part, true);
-            left = all.level.must_keep(mask, &all.c);
+            left = self.must_keep(Some(&all));
         }
         summary.refined = all.frozen.iter().filter(|f| !**f).count();
         summary.repaired = margins.len();
         summary.contradicted = left.len();
-        let voxel = |l: usize| Vector::from(all.level.labels.labels[l].voxel.map(f64::from));
-        summary.contradictions = left.iter().take(10).map(|&l| mask.grid.to_world(voxel(l)).into()).collect();
+        let world = |l: &usize| mask.grid.to_world(Vector::from(voxel(l).map(f64::from))).into();
+        summary.contradictions = left.iter().take(10).map(world).collect();
         let changed = |r: &band::Run| (0..r.len as usize).any(|i| !all.frozen[r.start as usize + i]);
         // What did not change is taken from the level before, exactly, beyond its band too.
         all.c.iter_mut().zip(&all.frozen).filter(|(_, f)| **f).for_each(|(c, _)| *c = f32::NAN);
@@ -360,46 +416,6 @@ impl Patch {
                 }
             }
         }
-    }
-}
-
-/// The voxels within some voxels (along each axis) of given ones, from two voxels outside the array on.
-struct Neighbourhood {
-    size: [usize; 3],
-    data: Vec<bool>,
-}
-
-impl Neighbourhood {
-    fn of(mask: &Mask, voxels: &[[i16; 3]], reach: usize) -> Neighbourhood {
-        let size = mask.grid.dims.map(|n| n + 8);
-        let mut data = vec![false; size.iter().product()];
-        for v in voxels {
-            data[(v[0] + 4) as usize + size[0] * ((v[1] + 4) as usize + size[1] * (v[2] + 4) as usize)] = true;
-        }
-        let mut stride = 1;
-        for n in size {
-            let lines: Vec<usize> = (0..data.len()).step_by(stride * n).flat_map(|b| b..b + stride).collect();
-            for first in lines {
-                let mut last = None;
-                let line: Vec<usize> = (0..n).filter(|i| data[first + i * stride]).collect();
-                for i in line {
-                    let from = last.map_or(0, |l: usize| l + 1).max(i.saturating_sub(reach));
-                    let to = (i + reach).min(n - 1);
-                    (from..=to).for_each(|i| data[first + i * stride] = true);
-                    last = Some(to);
-                }
-            }
-            stride *= n;
-        }
-        Neighbourhood { size, data }
-    }
-
-    fn holds(&self, v: [i64; 3]) -> bool {
-        let v = v.map(|v| v + 4);
-        if (0..3).any(|a| v[a] < 0 || v[a] >= self.size[a] as i64) {
-            return false;
-        }
-        self.data[v[0] as usize + self.size[0] * (v[1] as usize + self.size[1] * v[2] as usize)]
     }
 }
 

@@ -21,7 +21,7 @@ const EIGHTEEN: u32 = ALL & !CORNERS & !CENTER;
 pub(super) const STEPS_6: [[i64; 3]; 6] = [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]];
 
 /// The neighbourhood of voxel `n` in an array that has a layer of voxels all round `n`; `object` tells what counts.
-pub(crate) fn gather(data: &[u8], dims: [usize; 3], n: usize, object: impl Fn(u8) -> bool) -> u32 {
+pub(super) fn gather(data: &[u8], dims: [usize; 3], n: usize, object: impl Fn(u8) -> bool) -> u32 {
     let (row, slab) = (dims[0], dims[0] * dims[1]);
     let mut bits = 0;
     let mut bit = 0;

@@ -31,7 +31,7 @@ const SNAP: f64 = 1e-9;
 /// No vertex comes nearer to a corner than this part of its edge.
 const CLEARANCE: f64 = 1e-3;
 /// A root is found when the function is this part of a cell away from zero.
-const ROOT: f64 = 1e-5;
+const ROOT: f64 = 5e-5;
 
 struct Block {
     wanted: [bool; CELLS],
@@ -105,14 +105,15 @@ impl Field<'_> {
         self.implicit.value(p) - self.level
     }
 
-    /// The root between corners `a` (value `fa`) and `b`: regula falsi, Illinois variant.
+    /// The root between corners `a` (value `fa`) and `b`: regula falsi, Illinois variant, after one step of inverse
+    /// quadratic interpolation, which mostly suffices.
     fn root(&self, a: Point, b: Point, fa: f64, fb: f64) -> (Point, usize) {
         let tolerance = ROOT * self.lattice.cell();
         let ([mut lo, mut hi], [mut flo, mut fhi]) = ([0.0, 1.0], [fa, fb]);
         let mut t = fa / (fa - fb);
         let mut evaluations = 0;
         let mut last = 0i8;
-        for _ in 0..12 {
+        for round in 0..12 {
             let f = self.at(&(a + (b - a) * t));
             evaluations += 1;
             if f.abs() <= tolerance || !f.is_finite() {
@@ -132,8 +133,13 @@ impl Field<'_> {
                 last = -1;
             }
             let width = hi - lo;
+            let mut s = lo + width * (flo / (flo - fhi));
+            if round == 0 {
+                let [x, y, z] = [(0.0, fa), (1.0, fb), (t, f)];
+                let term = |p: (f64, f64), q: (f64, f64), r: (f64, f64)| p.0 * (q.1 * r.1) / ((p.1 - q.1) * (p.1 - r.1));
+                s = term(x, y, z) + term(y, x, z) + term(z, x, y);
+            }
             // A jump of the function leaves a sliver that falsi cannot shrink: bisect then.
-            let s = lo + width * (flo / (flo - fhi));
             t = if s > lo && s < hi { s } else { lo + 0.5 * width };
             if width < 1e-6 {
                 break;

@@ -3,6 +3,8 @@
 use rayon::prelude::*;
 
 use super::labels::{Near, in_order};
+use super::spline::weights;
+use crate::geometry::Vector;
 use crate::mask::Mask;
 
 /// Differences of the third order, as orders along x, y, z, and their multiplicity in |D³u|².
@@ -152,6 +154,29 @@ impl Band {
         band
     }
 
+    /// Leaves out the chunks none of whose differences touches a coefficient that may change.
+    pub fn skip_frozen(&mut self, frozen: &[bool]) {
+        let mut layers = vec![0u32; self.chunk_layers.len()];
+        let touches = |r: &Run| {
+            (0..4).any(|k| {
+                (0..4 - k).any(|j| {
+                    let mut free = [0u8; CHUNK + 3];
+                    self.fetch_with(r.y + j, r.z + k, r.x, &mut free, |n| u8::from(!frozen[n]));
+                    free[..r.len as usize + 3].contains(&1)
+                })
+            })
+        };
+        let kept: Vec<bool> = self.chunks.par_iter().map(touches).collect();
+        let chunks: Vec<Run> = self.chunks.iter().zip(&kept).filter(|(_, k)| **k).map(|(c, _)| *c).collect();
+        for c in &chunks {
+            layers[c.z as usize + 1] += 1;
+        }
+        for z in 1..layers.len() {
+            layers[z] += layers[z - 1];
+        }
+        (self.chunks, self.chunk_layers) = (chunks, layers);
+    }
+
     /// Number of coefficients.
     pub fn len(&self) -> usize {
         self.valid.len()
@@ -174,7 +199,25 @@ impl Band {
         (x + len <= r.x + r.len as i32).then(|| r.start + (x - r.x) as u32)
     }
 
-    /// Copies `values` of row (y, z) from `x` on into `out`, 0 where there is no coefficient.
+    /// The spline at a voxel index, where all its coefficients are in the band.
+    pub fn value(&self, c: &[f32], voxel: &Vector) -> Option<f32> {
+        let x: [f64; 3] = std::array::from_fn(|a| {
+            voxel[a] * f64::from(self.nodes.refine[a]) / f64::from(self.nodes.step) - f64::from(self.nodes.low[a])
+        });
+        let cell = x.map(|x| x.floor() as i32 - 1);
+        let [wx, wy, wz] = x.map(|x| weights(x - x.floor()));
+        let mut sum = 0.0;
+        for k in 0..4 {
+            for j in 0..4 {
+                let at = self.place(cell[0], cell[1] + j as i32, cell[2] + k as i32, 4)? as usize;
+                let row: f64 = wx.iter().zip(&c[at..at + 4]).map(|(w, c)| w * f64::from(*c)).sum();
+                sum += wy[j] * wz[k] * row;
+            }
+        }
+        Some(sum as f32)
+    }
+
+    /// Copies `values` of row (y, z) from `x` on into `out`, and leaves what has no coefficient.
     #[inline]
     pub fn fetch(&self, values: &[f32], y: i32, z: i32, x: i32, out: &mut [f32]) {
         let end = x + out.len() as i32;
@@ -186,6 +229,16 @@ impl Band {
             }
             if r.x >= end {
                 break;
+            }
+        }
+    }
+
+    /// As [`Band::fetch`], with what `f` makes of a coefficient's place.
+    fn fetch_with<T>(&self, y: i32, z: i32, x: i32, out: &mut [T], f: impl Fn(usize) -> T) {
+        let end = x + out.len() as i32;
+        for r in self.row(y, z) {
+            for n in r.x.max(x)..(r.x + r.len as i32).min(end) {
+                out[(n - x) as usize] = f((r.start as i32 + n - r.x) as usize);
             }
         }
     }

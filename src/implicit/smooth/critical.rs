@@ -1,8 +1,10 @@
 //! Which contradicted labels matter: those without which the digitised fit would have another topology.
 
+use std::collections::BTreeSet;
+
 use super::labels::Label;
 use crate::mask::Mask;
-use crate::mask::neighborhood::{gather, is_simple};
+use crate::mask::neighborhood::is_simple;
 
 /// Neighbours of its own label (of 26) that a voxel needs to be given up: tips and thin sheets have fewer.
 const SUPPORT: u32 = 8;
@@ -12,52 +14,80 @@ const SUPPORT: u32 = 8;
 /// The others can be flipped one after the other, each a simple point: the digitised fit then differs from the mask by
 /// bumps and dents alone. Voxels of thin parts are never given up, simple or not, or twigs would shrink from their tips.
 pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], amount: impl Fn(usize) -> f32) -> Vec<usize> {
-    if places.is_empty() {
-        return Vec::new();
-    }
-    // Two layers all round: labels reach one voxel beyond the array, their neighbours two.
-    let [nx, ny, nz] = mask.grid.dims;
-    let size = [nx + 6, ny + 6, nz + 6];
-    let mut data = vec![0u8; size.iter().product()];
-    for (r, row) in mask.data.chunks(nx).enumerate() {
-        let at = 3 + size[0] * (r % ny + 3 + size[1] * (r / ny + 3));
-        data[at..at + nx].iter_mut().zip(row).for_each(|(d, v)| *d = u8::from(*v != 0));
-    }
-    let at = |l: &Label| {
-        let v = l.voxel.map(|v| (v + 3) as usize);
-        v[0] + size[0] * (v[1] + size[1] * v[2])
-    };
-    let mut left: Vec<usize> = places.to_vec();
-    // The worst contradicted first: they are the surest flips.
-    left.sort_by(|&a, &b| amount(b).total_cmp(&amount(a)).then(a.cmp(&b)));
-    let thin: Vec<bool> = left
-        .iter()
-        .map(|&l| {
-            let bits = gather(&data, size, at(&labels[l]), |v| v != 0) & !(1 << 13);
-            let lumen = bits.count_ones();
-            let own = if labels[l].sign < 0 { lumen } else { 26 - lumen };
-            own < SUPPORT
+    let mut flipped = BTreeSet::new();
+    // Lumen voxels of the 3×3×3 block, a bit each; the middle is bit 13.
+    let block = |v: [i16; 3], flipped: &BTreeSet<[i16; 3]>| {
+        (0..27).fold(0u32, |bits, n| {
+            let w = [v[0] + n % 3 - 1, v[1] + n / 3 % 3 - 1, v[2] + n / 9 - 1];
+            let lumen = mask.at(w[0].into(), w[1].into(), w[2].into()) != flipped.contains(&w);
+            bits | u32::from(lumen) << n
         })
-        .collect();
-    let mut kept: Vec<(usize, bool)> = left.into_iter().zip(thin).collect();
+    };
+    let thin = |l: &Label| {
+        let lumen = (block(l.voxel, &BTreeSet::new()) & !(1 << 13)).count_ones();
+        (if l.sign < 0 { lumen } else { 26 - lumen }) < SUPPORT
+    };
+    let mut left: Vec<(usize, bool)> = places.iter().map(|&l| (l, thin(&labels[l]))).collect();
+    // The worst contradicted first: they are the surest flips.
+    left.sort_by(|a, b| amount(b.0).total_cmp(&amount(a.0)).then(a.0.cmp(&b.0)));
     loop {
-        let before = kept.len();
-        kept.retain(|&(l, thin)| {
-            let n = at(&labels[l]);
-            // Simple whichever of lumen and background counts as connected over edges: what the fit does at a contact
-            // of two voxels is not known.
-            let simple = || is_simple(gather(&data, size, n, |v| v != 0)) && is_simple(gather(&data, size, n, |v| v == 0));
-            if thin || !simple() {
-                return true;
+        let before = left.len();
+        left.retain(|&(l, thin)| {
+            // Simple whichever of lumen and background counts as connected over edges: what the fit does where two
+            // voxels touch in an edge is not known.
+            let simple = || {
+                let bits = block(labels[l].voxel, &flipped);
+                is_simple(bits) && is_simple(!bits & ((1 << 27) - 1))
+            };
+            let give_up = !thin && simple();
+            if give_up {
+                flipped.insert(labels[l].voxel);
             }
-            data[n] ^= 1;
-            false
+            !give_up
         });
-        if kept.len() == before {
+        if left.len() == before {
             break;
         }
     }
-    let mut out: Vec<usize> = kept.into_iter().map(|k| k.0).collect();
+    let touching = |l: &usize| flipped.contains(&labels[*l].voxel) && has_contact(block(labels[*l].voxel, &flipped));
+    let mut out: Vec<usize> = left.into_iter().map(|k| k.0).chain(places.iter().copied().filter(touching)).collect();
     out.sort_unstable();
     out
+}
+
+/// Whether the middle voxel and another of its label touch in an edge or a corner alone: which of the two sides is
+/// joined there is not told by the voxels, so that the fit may join either.
+fn has_contact(bits: u32) -> bool {
+    let at = |d: [i32; 3]| bits >> (13 + d[0] + 3 * d[1] + 9 * d[2]) & 1;
+    let here = at([0; 3]);
+    (0..27).map(|n| [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1]).any(|d: [i32; 3]| {
+        let axes: Vec<usize> = (0..3).filter(|&a| d[a] != 0).collect();
+        // Everything between the two voxels is of the other label.
+        axes.len() > 1
+            && at(d) == here
+            && (1..(1 << axes.len()) - 1).all(|m: i32| {
+                let mut e = [0; 3];
+                for (bit, &a) in axes.iter().enumerate() {
+                    e[a] = if m >> bit & 1 == 1 { d[a] } else { 0 };
+                }
+                at(e) != here
+            })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contacts_over_edges_and_corners_are_seen() {
+        let bit = |x: i32, y: i32, z: i32| 1u32 << (13 + x + 3 * y + 9 * z);
+        let here = bit(0, 0, 0);
+        assert!(has_contact(here | bit(1, 1, 0)));
+        assert!(has_contact(here | bit(-1, 1, 1)));
+        assert!(!has_contact(here | bit(1, 1, 0) | bit(0, 1, 0)));
+        assert!(!has_contact(here | bit(1, 0, 0) | bit(1, 1, 1) | bit(1, 1, 0)));
+        // Background in lumen.
+        assert!(has_contact(!(here | bit(0, 1, -1)) & ((1 << 27) - 1)));
+    }
 }

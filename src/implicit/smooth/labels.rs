@@ -69,6 +69,8 @@ pub(super) struct Cell {
     pub rows: [u32; 16],
     /// First label; the next cell's first is the end.
     pub first: u32,
+    /// Whether none of the coefficients may change.
+    pub frozen: bool,
 }
 
 /// All labels, sorted by cell.
@@ -127,7 +129,7 @@ impl Labels {
             if low.iter().any(|&n| n < 0) || rows.contains(&None) {
                 continue;
             }
-            out.cells.push(Cell { rows: rows.map(Option::unwrap_or_default), first: out.labels.len() as u32 });
+            out.cells.push(Cell { rows: rows.map(Option::unwrap_or_default), first: out.labels.len() as u32, frozen: false });
             out.layers[low[2] as usize + 1] = out.cells.len() as u32;
             out.labels.extend(group.iter().map(|(_, l)| *l));
         }
@@ -135,6 +137,16 @@ impl Labels {
             out.layers[k] = out.layers[k].max(out.layers[k - 1]);
         }
         out
+    }
+
+    /// Marks the cells none of whose coefficients may change.
+    pub fn skip_frozen(&mut self, frozen: &[bool]) {
+        self.cells.par_iter_mut().for_each(|c| c.frozen = c.rows.iter().all(|&r| frozen[r as usize..r as usize + 4].iter().all(|&f| f)));
+    }
+
+    /// The cells whose lowest nodes lie in some layers, save those that are skipped.
+    pub fn moving(&self, layers: &std::ops::Range<usize>) -> impl Iterator<Item = usize> {
+        (self.layers[layers.start] as usize..self.layers[layers.end] as usize).filter(|&c| !self.cells[c].frozen)
     }
 
     /// The labels of a cell, as places in [`Labels::labels`].

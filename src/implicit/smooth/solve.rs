@@ -160,7 +160,7 @@ impl Quadratic<'_> {
             for r in &band.chunks[band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize] {
                 self.smoothness(x, r, part, first);
             }
-            for c in labels.layers[z.start] as usize..labels.layers[z.end] as usize {
+            for c in labels.moving(&z) {
                 self.cell(x, c, part, first);
             }
         });
@@ -207,6 +207,9 @@ impl Quadratic<'_> {
         let mut sum = [[0.0f32; 4]; 16];
         for l in labels.of_cell(c) {
             let Datum { curvature, normal: n } = self.data[l];
+            if curvature == 0.0 && n == [0.0; 3] {
+                continue;
+            }
             let [tx, ty, tz] = labels.taps(l);
             let along = tx[1].map(|w| n[0] * w);
             // Weights of a row's x-sum for the value (v) and for the derivative along n (g).
@@ -257,7 +260,7 @@ impl Quadratic<'_> {
                     }
                 }
             }
-            for c in labels.layers[z.start] as usize..labels.layers[z.end] as usize {
+            for c in labels.moving(&z) {
                 for l in labels.of_cell(c) {
                     let Datum { curvature, normal: n } = self.data[l];
                     let [x, y, z] = labels.taps(l);
@@ -378,7 +381,7 @@ impl<'a> Problem<'a> {
     fn spread(&self, out: &mut [f32], f: impl Fn(usize) -> (f32, f32, [f32; 3]) + Sync) {
         let labels = self.labels;
         slabs(self.band, out, |z, part, first| {
-            for c in labels.layers[z.start] as usize..labels.layers[z.end] as usize {
+            for c in labels.moving(&z) {
                 let mut sum = [[0.0f32; 4]; 16];
                 for l in labels.of_cell(c) {
                     let (p, q, n) = f(l);
@@ -412,7 +415,8 @@ impl<'a> Problem<'a> {
                     let z = (s * f64::from(v[0]) - margin.get(i).map_or(0.0, |&m| f64::from(m))) / sigma;
                     let r = hazard(z);
                     let len = (v[1] * v[1] + v[2] * v[2] + v[3] * v[3]).sqrt();
-                    let normal = if len > 0.05 { [v[1], v[2], v[3]].map(|v| root * v / len) } else { [0.0; 3] };
+                    // Unit slope is asked for next to the wall alone.
+                    let normal = if len > 0.05 && l.axes != 0 { [v[1], v[2], v[3]].map(|v| root * v / len) } else { [0.0; 3] };
                     (Datum { curvature: (r * (z + r) / (sigma * sigma)) as f32, normal }, (-s * r / sigma) as f32)
                 })
                 .unzip();
