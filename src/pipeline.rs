@@ -5,6 +5,7 @@ mod explain;
 mod gates;
 mod options;
 mod results;
+mod retry;
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -87,6 +88,8 @@ pub struct Part {
     pub centerlines: Centerlines,
     /// Its guidance field.
     pub size: Box<dyn SizeField>,
+    /// The polygonized implicit.
+    pub polygons: TriMesh,
     /// Its surface.
     pub surface: TriMesh,
     /// Its openings.
@@ -227,6 +230,7 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
     let combinatorial = mesh::topology::check(&surface);
     let crossings = mesh::intersect::self_intersections(&surface);
     outcome.report.put("surface", &quality);
+    outcome.report.put_in("surface", "worst", &results::worst_triangles(&quality.worst, &surface, &parts, case.surface.target_skewness));
     outcome.report.put_in("surface", "topology", &combinatorial);
     outcome.report.put_in("surface", "self_intersections", &crossings.len());
     gates::surface(&mut outcome.report, case, &combinatorial, crossings.len(), &quality, &topology);
@@ -314,9 +318,20 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, component: Mask) ->
     let size = clock.run("guidance field", || guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| s.why.clone())?;
     context.progress.explain(&size.1.why);
     report.put_in("remeshing", "guidance_field", &size.1);
-    let mut part = Part { mask, implicit, centerlines, size: Box::new(size.0), surface: polygons, openings: Vec::new() };
+    let mut part = Part { mask, implicit, centerlines, size: Box::new(size.0), surface: polygons.clone(), polygons, openings: Vec::new() };
     if context.stop_after >= Stage::Surface {
-        part.surface = clock.run("remesh", || triangles(case, &part, report), |m| format!("{} triangles", m.triangles.len()))?;
+        let made = clock.run(
+            "remesh",
+            || triangles(case, case.surface.remesher, &part, part.size.as_ref()),
+            |m| format!("{} triangles", m.mesh.triangles.len()),
+        )?;
+        part.surface = made.mesh;
+        for (name, summary) in made.summaries {
+            report.put_in("remeshing", name, &summary);
+        }
+        if let Some(fraction) = made.front_fraction {
+            report.put_in("surface", "front_fraction", &fraction);
+        }
     }
     Ok(part)
 }
@@ -371,13 +386,32 @@ fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Res
     let found = ends(case, mask, &results::joined_centerlines(parts), report)?;
     let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
     let mut measures = Vec::new();
+    let mut off_implicit = 0.0f64;
+    let mut retries = Vec::new();
     for (n, part) in parts.iter_mut().enumerate() {
         part.openings = found.iter().filter(|o| o.component as usize == n).cloned().collect();
-        let (mesh, measured, summary) =
-            openings::cut(&part.surface, part.implicit.as_ref(), part.size.as_ref(), &part.openings, &options::cut(case))?;
+        let whole: &Part = part;
+        let (mesh, made, tried) = retry::surface(&whole.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
+            cut_part(case, whole, attempt, places)
+        })?;
+        if let Some(fraction) = made.front_fraction {
+            report.put_in("surface", "front_fraction", &fraction);
+        }
+        if !tried.is_empty() {
+            report.warn("surface", format!("component {n}: the surface missed a hard gate and was made {} times; see remeshing.retries", tried.len()));
+            retries.push(serde_json::json!({"component": n, "attempts": tried}));
+        }
+        let supports = carriers(part);
+        off_implicit = off_implicit.max(remesh::off_implicit(&mesh, &supports));
         part.surface = mesh;
-        measures.extend(measured);
-        report.put_in("remeshing", "cuts", &summary);
+        part.polygons = TriMesh::default();
+        measures.extend(made.measures);
+        report.put_in("remeshing", "cuts", &made.summary);
+    }
+    let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    report.put_in("remeshing", "off_implicit", &serde_json::json!({"max": off_implicit, "max_voxels": off_implicit / voxel}));
+    if !retries.is_empty() {
+        report.put_in("remeshing", "retries", &retries);
     }
     measures.sort_by_key(|m| m.id);
     report.put("openings", &results::opening_rows(&measures, &found));
@@ -408,29 +442,68 @@ fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> R
     Ok(found)
 }
 
-fn triangles(case: &Case, part: &Part, report: &mut Report) -> Result<TriMesh, Error> {
+/// The carriers of all patches of a component.
+fn carriers(part: &Part) -> Supports<'_> {
+    part.openings.iter().fold(Supports::new(part.implicit.as_ref()), |s, o| s.with_plane(o.id, o.plane))
+}
+
+/// What cutting a component open gave.
+struct Opened {
+    measures: Vec<openings::OpeningMeasure>,
+    summary: openings::CutSummary,
+    front_fraction: Option<f64>,
+}
+
+/// Cuts a component open; remeshes it before where it is another attempt than the first.
+fn cut_part(case: &Case, part: &Part, attempt: retry::Attempt, places: &[Point]) -> Result<(TriMesh, Opened), Error> {
+    let opened = |mesh: &TriMesh, size: &dyn SizeField, front_fraction| {
+        let (mesh, measures, summary) = openings::cut(mesh, part.implicit.as_ref(), size, &part.openings, &options::cut(case))?;
+        Ok((mesh, Opened { measures, summary, front_fraction }))
+    };
+    if attempt == retry::Attempt::FIRST {
+        return opened(&part.surface, part.size.as_ref(), None);
+    }
+    let everywhere = [part.polygons.bounds().center()];
+    let near = places.iter().map(|p| part.size.size(p)).fold(0.0, f64::max);
+    let size = remesh::size_field::Scaled {
+        field: part.size.as_ref(),
+        centers: if attempt.local { places } else { &everywhere },
+        reach: if attempt.local { 6.0 * near } else { f64::INFINITY },
+        factor: attempt.factor,
+    };
+    let made = triangles(case, attempt.remesher(case.surface.remesher), part, &size)?;
+    opened(&made.mesh, &size, made.front_fraction)
+}
+
+/// A remeshed surface and what its remesher says of it.
+struct Remeshed {
+    mesh: TriMesh,
+    summaries: Vec<(&'static str, serde_json::Value)>,
+    front_fraction: Option<f64>,
+}
+
+/// Remeshes the polygons of a component and repairs angles.
+fn triangles(case: &Case, remesher: Remesher, part: &Part, size: &dyn SizeField) -> Result<Remeshed, Error> {
     let supports = Supports::new(part.implicit.as_ref());
-    let mesh = match case.surface.remesher {
+    let polygons = &part.polygons;
+    let mut made = match remesher {
         Remesher::AdvancingFront => {
-            let (m, summary) =
-                remesh::advancing_front::remesh(&part.surface, part.implicit.as_ref(), part.size.as_ref(), &Default::default())?;
-            report.put_in("remeshing", "advancing_front", &summary);
-            report.put_in("surface", "front_fraction", &summary.front_fraction);
-            m
+            let (mesh, summary) = remesh::advancing_front::remesh(polygons, part.implicit.as_ref(), size, &Default::default())?;
+            let summaries = vec![("advancing_front", serde_json::json!(summary))];
+            Remeshed { mesh, summaries, front_fraction: Some(summary.front_fraction) }
         }
         Remesher::Auto | Remesher::Isotropic => {
-            let (m, summary) = remesh::isotropic::remesh(&part.surface, &supports, part.size.as_ref(), &Default::default())?;
-            report.put_in("remeshing", "isotropic", &summary);
-            m
+            let (mesh, summary) = remesh::isotropic::remesh(polygons, &supports, size, &Default::default())?;
+            Remeshed { mesh, summaries: vec![("isotropic", serde_json::json!(summary))], front_fraction: None }
         }
         Remesher::Improve => {
             let improve = remesh::improve::ImproveOptions { max_skewness: case.surface.max_skewness, ..Default::default() };
-            let (m, summary) = remesh::improve::improve(&part.surface, &supports, part.size.as_ref(), &improve)?;
-            report.put_in("remeshing", "improve", &summary);
-            return Ok(m);
+            let (mesh, summary) = remesh::improve::improve(polygons, &supports, size, &improve)?;
+            return Ok(Remeshed { mesh, summaries: vec![("improve", serde_json::json!(summary))], front_fraction: None });
         }
     };
-    let (mesh, summary) = remesh::angle_repair::repair(&mesh, &supports, part.size.as_ref(), &options::repair(case))?;
-    report.put_in("remeshing", "angle_repair", &summary);
-    Ok(mesh)
+    let (mesh, summary) = remesh::angle_repair::repair(&made.mesh, &supports, size, &options::repair(case))?;
+    made.summaries.push(("angle_repair", serde_json::json!(summary)));
+    made.mesh = mesh;
+    Ok(made)
 }

@@ -4,19 +4,20 @@
 use serde::Serialize;
 
 use super::cap;
+use super::rims::{self, RimOptions, RimSummary};
 use super::{Error, Opening};
 use crate::geometry::{Point, Vector};
 use crate::implicit::Implicit;
 use crate::mesh::{Patch, PatchKind, TriMesh, WALL};
-use crate::remesh::{self, SizeField, Supports, angle_repair, isotropic};
+use crate::remesh::{SizeField, Supports, angle_repair};
 
 /// How openings are cut.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CutOptions {
     /// Vertices nearer to the plane than this part of the wished edge length are moved into it.
     pub snap: f64,
-    /// Rings of triangles round a rim that are remeshed.
-    pub rings: usize,
+    /// How rims and caps are remeshed.
+    pub rims: RimOptions,
     /// The loop must lie within this many radii of the opening's centre.
     pub reach: f64,
     /// Repair of the triangles at rim and cap.
@@ -25,7 +26,7 @@ pub struct CutOptions {
 
 impl Default for CutOptions {
     fn default() -> Self {
-        CutOptions { snap: 0.3, rings: 4, reach: 3.0, repair: angle_repair::RepairOptions::default() }
+        CutOptions { snap: 0.3, rims: RimOptions::default(), reach: 3.0, repair: angle_repair::RepairOptions::default() }
     }
 }
 
@@ -64,9 +65,7 @@ pub struct CutSummary {
     /// Triangles beyond the planes that were taken away.
     pub removed: usize,
     /// Remeshing of rims and caps.
-    pub remesh: isotropic::Summary,
-    /// Repair of rims and caps.
-    pub repair: angle_repair::Summary,
+    pub rims: Vec<RimSummary>,
 }
 
 /// Cuts `mesh` open at every plane of `openings`, caps the holes and repairs rims and caps.
@@ -98,27 +97,8 @@ pub fn cut(
     if openings.is_empty() {
         return Ok((work, Vec::new(), summary));
     }
-    // A rim that does not come out well gets more room.
-    let mut best: Option<(TriMesh, isotropic::Summary, angle_repair::Summary)> = None;
-    for more in [0, 2, 4] {
-        let rings = options.rings + more;
-        let local = isotropic::IsotropicOptions { region: Some(near_rims(&work, rings)), ..isotropic::IsotropicOptions::default() };
-        let (mesh, remeshed) = isotropic::remesh(&work, &supports, size, &local).map_err(remesh_error)?;
-        let repair = angle_repair::RepairOptions { region: Some(near_rims(&mesh, rings)), ..options.repair.clone() };
-        let (mesh, repaired) = angle_repair::repair(&mesh, &supports, size, &repair).map_err(remesh_error)?;
-        let good = repaired.above_target == 0;
-        if best.as_ref().is_none_or(|b| repaired.s_max < b.2.s_max) {
-            best = Some((mesh, remeshed, repaired));
-        }
-        if good {
-            break;
-        }
-    }
-    if let Some((mesh, remeshed, repaired)) = best {
-        work = mesh;
-        summary.remesh = remeshed;
-        summary.repair = repaired;
-    }
+    let (mut work, rims) = rims::remesh(&work, &supports, size, &options.rims, &options.repair);
+    summary.rims = rims;
     for o in openings {
         let on_cap: Vec<u32> = cap_vertices(&work, o.id);
         for v in on_cap {
@@ -129,34 +109,11 @@ pub fn cut(
     Ok((work, measures, summary))
 }
 
-fn remesh_error(e: remesh::Error) -> Error {
-    Error::Remesh(Box::new(e))
-}
-
 fn cap_vertices(mesh: &TriMesh, id: u32) -> Vec<u32> {
     let mut v: Vec<u32> = (0..mesh.triangles.len()).filter(|&t| mesh.patch[t] == id).flat_map(|t| mesh.triangles[t]).collect();
     v.sort_unstable();
     v.dedup();
     v
-}
-
-/// Vertices of caps, and of the wall within `rings` rings of a rim.
-fn near_rims(mesh: &TriMesh, rings: usize) -> Vec<bool> {
-    let mut near = vec![false; mesh.points.len()];
-    for (t, p) in mesh.triangles.iter().zip(&mesh.patch) {
-        if *p != WALL {
-            t.iter().for_each(|&v| near[v as usize] = true);
-        }
-    }
-    for _ in 0..rings {
-        let before = near.clone();
-        for t in &mesh.triangles {
-            if t.iter().any(|&v| before[v as usize]) {
-                t.iter().for_each(|&v| near[v as usize] = true);
-            }
-        }
-    }
-    near
 }
 
 /// Which side of the cut a vertex is on.
@@ -508,7 +465,7 @@ mod tests {
     use crate::mesh::intersect::self_intersections;
     use crate::mesh::topology::check;
     use crate::openings::FoundBy;
-    use crate::remesh::Uniform;
+    use crate::remesh::{Uniform, isotropic};
     use crate::remesh::shape::skewness;
     use crate::remesh::testing::{Capsules, polygonize};
 

@@ -5,10 +5,12 @@ mod cut;
 mod detect;
 mod extend;
 mod names;
+mod rims;
 mod section;
 mod user;
 
 pub use cut::{CutOptions, CutSummary, OpeningMeasure, cut, measure};
+pub use rims::{RimOptions, RimSummary};
 pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
 pub use extend::{ExtendError, Extended, Extension};
 pub use section::{Section, section};
@@ -95,9 +97,6 @@ pub enum Error {
         /// Its centre.
         at: Point,
     },
-    /// The rim cannot be remeshed.
-    #[error("the surface cannot be remeshed round its openings: {0}")]
-    Remesh(Box<crate::remesh::Error>),
 }
 
 /// The wall and the openings as patches, by id.

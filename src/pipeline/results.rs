@@ -85,6 +85,36 @@ pub(super) fn gaussian_curvature(parts: &[Part]) -> Vec<f64> {
     parts.iter().flat_map(of_part).collect()
 }
 
+/// A triangle among the worst, with what keeps it from being better.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct WorstRow<'a> {
+    #[serde(flatten)]
+    triangle: &'a crate::quality::WorstTriangle,
+    cause: crate::remesh::angle_repair::Reason,
+}
+
+/// The worst triangles of the joined surface with their causes.
+pub(super) fn worst_triangles<'a>(
+    worst: &'a [crate::quality::WorstTriangle],
+    surface: &TriMesh,
+    parts: &[Part],
+    target: f64,
+) -> Vec<WorstRow<'a>> {
+    let ends: Vec<usize> = parts
+        .iter()
+        .scan(0, |end, p| {
+            *end += p.surface.triangles.len();
+            Some(*end)
+        })
+        .collect();
+    let row = |triangle: &'a crate::quality::WorstTriangle| {
+        let part = &parts[ends.partition_point(|&end| end <= triangle.id as usize).min(parts.len().checked_sub(1)?)];
+        let cause = crate::remesh::angle_repair::reason(surface, &super::carriers(part), triangle.id as usize, target);
+        Some(WorstRow { triangle, cause })
+    };
+    worst.iter().filter_map(row).collect()
+}
+
 /// The centerlines of all components.
 pub(super) fn joined_centerlines(parts: &[Part]) -> Centerlines {
     let mut all = Centerlines::default();

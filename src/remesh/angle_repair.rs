@@ -5,8 +5,8 @@
 //! kept. Better means: the list of the patch's bad triangles, worst first, each one's badness rounded to steps of
 //! about 0.01°, comes earlier in lexicographic order than before. That is the multiset order over finitely many
 //! steps, which has no infinite descent, so repair ends whatever the surface, even though splits add triangles. After
-//! it, where something is still bad, the rings round the worst triangles are triangulated anew (last resort) under
-//! the same order. Hu et al. 2017 ("Error-bounded and feature preserving surface remeshing with minimal angle
+//! it, where something is still bad, the rings round it are remeshed by themselves ([`super::last_resort`]) under the
+//! same order. Hu et al. 2017 ("Error-bounded and feature preserving surface remeshing with minimal angle
 //! improvement") raise angles by the same local operations.
 
 use std::collections::BinaryHeap;
@@ -16,7 +16,9 @@ use serde::Serialize;
 use super::repair_moves::{self, Limits};
 use super::shape::{cosine_of_skewness, skewness_of_cosine};
 use super::surface::{Kind, Surface};
-use super::{Error, SizeField, Supports};
+use super::even::even_out;
+use super::last_resort::{self, Rung};
+use super::{Error, Normals, SizeField, Supports};
 use crate::geometry::Point;
 use crate::mesh::{PatchId, TriMesh};
 
@@ -29,6 +31,10 @@ pub struct RepairOptions {
     pub max_skewness: f64,
     /// How many of the worst triangles the summary lists.
     pub list_worst: usize,
+    /// What triangles are held against, so that none turns over.
+    pub normals: Normals,
+    /// Whether the rings round what is still bad are remeshed by themselves. Not done with a region or marked features.
+    pub last_resort: bool,
     /// Vertices that may change; everything without it.
     #[serde(skip)]
     pub region: Option<Vec<bool>>,
@@ -43,6 +49,8 @@ impl Default for RepairOptions {
             target_skewness: 0.45,
             max_skewness: 0.75,
             list_worst: 10,
+            normals: Normals::Gradient,
+            last_resort: true,
             region: None,
             features: Vec::new(),
         }
@@ -60,8 +68,12 @@ pub struct Summary {
     pub splits: usize,
     /// Vertices moved.
     pub moves: usize,
+    /// Vertices moved to even out areas.
+    pub evened: usize,
     /// Rings triangulated anew.
     pub retriangulations: usize,
+    /// Places remeshed by themselves in the end, with what each attempt brought.
+    pub last_resort: Vec<Rung>,
     /// Triangles above the target before.
     pub above_target_before: usize,
     /// Triangles above the target after.
@@ -101,6 +113,8 @@ pub enum Reason {
     Held,
     /// Two of its edges are features that meet in a sharp angle.
     FeatureCorner,
+    /// The implicit's gradient jumps across it: its surface has a kink there.
+    Kink,
     /// No flip, collapse, split or move makes it better without making a neighbour worse or leaving the surface.
     LocalOptimum,
 }
@@ -118,8 +132,22 @@ pub fn repair(
     field: &dyn SizeField,
     options: &RepairOptions,
 ) -> Result<(TriMesh, Summary), Error> {
-    let s = super::take_over(mesh, supports, field, options.region.as_deref(), &options.features)?;
-    Ok(finish(s, options))
+    let mut s = super::take_over(mesh, supports, field, options.region.as_deref(), &options.features)?;
+    if options.normals == Normals::Averaged {
+        s.average_normals();
+    }
+    let (mesh, mut summary) = finish(s, options);
+    if summary.above_target == 0 || !options.last_resort || options.region.is_some() || !options.features.is_empty() {
+        return Ok((mesh, summary));
+    }
+    let (mesh, rungs) = last_resort::climb(mesh, supports, field, options);
+    if rungs.iter().any(|r| r.kept > 0) {
+        let s = super::take_over(&mesh, supports, field, None, &[])?;
+        measure(&s, options, &mut summary);
+        summary.worst = list_worst(&s, options);
+    }
+    summary.last_resort = rungs;
+    Ok((mesh, summary))
 }
 
 /// Repairs a surface that was taken over and gives it back.
@@ -170,9 +198,18 @@ pub(crate) fn run(s: &mut Surface, options: &RepairOptions) -> Summary {
             }
         }
     }
+    summary.evened = even_out(s, badness);
+    measure(s, options, &mut summary);
+    summary
+}
+
+/// What the surface is like now.
+fn measure(s: &Surface, options: &RepairOptions, summary: &mut Summary) {
+    let badness = Badness::new(options.target_skewness.min(options.max_skewness));
     let mut total = 0.0;
     let mut count = 0usize;
-    for t in all(s) {
+    (summary.s_max, summary.above_target, summary.above_limit) = (0.0, 0, 0);
+    for t in (0..s.mesh.triangle_ids() as u32).filter(|&t| s.mesh.has_triangle(t)) {
         let cosine = s.shape_of(t);
         let skewness = skewness_of_cosine(cosine);
         total += skewness;
@@ -182,7 +219,31 @@ pub(crate) fn run(s: &mut Surface, options: &RepairOptions) -> Summary {
         summary.above_limit += usize::from(skewness >= options.max_skewness);
     }
     summary.s_mean = total / count.max(1) as f64;
-    summary
+}
+
+/// A triangle that leans more than this (cosine, 37°) against the gradient at a corner lies across a kink.
+const KINK: f64 = 0.8;
+
+/// What keeps triangle `t` of a finished surface from being better.
+pub fn reason(mesh: &TriMesh, supports: &Supports, t: usize, target_skewness: f64) -> Reason {
+    let [a, b, c] = mesh.corners(t);
+    let patch = mesh.patch.get(t).copied().unwrap_or(crate::mesh::WALL);
+    if super::shape::skewness(&a, &b, &c) <= target_skewness + 1e-3 {
+        return Reason::WithinTarget;
+    }
+    let ids = mesh.triangles[t];
+    let across = |u: &usize| mesh.triangles[*u].iter().filter(|v| ids.contains(v)).count() == 2;
+    let rims = (0..mesh.triangles.len()).filter(|u| mesh.patch.get(*u).is_some_and(|&p| p != patch)).filter(across).count();
+    let n = (b - a).cross(&(c - a));
+    let leans = |p: &Point| {
+        let g = supports.value_gradient(patch, p).1;
+        n.dot(&g) < KINK * n.norm() * g.norm()
+    };
+    match rims {
+        2.. => Reason::FeatureCorner,
+        _ if [a, b, c].iter().any(leans) => Reason::Kink,
+        _ => Reason::LocalOptimum,
+    }
 }
 
 fn list_worst(s: &Surface, options: &RepairOptions) -> Vec<WorstTriangle> {
@@ -206,6 +267,8 @@ fn list_worst(s: &Surface, options: &RepairOptions) -> Vec<WorstTriangle> {
                 Reason::Held
             } else if features >= 2 {
                 Reason::FeatureCorner
+            } else if s.uprightness_of(t) < KINK {
+                Reason::Kink
             } else {
                 Reason::LocalOptimum
             };

@@ -12,7 +12,7 @@ use super::anneal::anneal;
 use super::relax::{Balance, relax};
 use super::shape::worst_cosine;
 use super::surface::Surface;
-use super::{Error, SizeField, Supports};
+use super::{Error, Normals, SizeField, Supports};
 use crate::geometry::{Point, Vector};
 use crate::mesh::TriMesh;
 use crate::mesh::halfedge::HalfEdgeMesh;
@@ -30,6 +30,8 @@ pub struct IsotropicOptions {
     pub split_above: f64,
     /// Edges shorter than this many wished lengths are collapsed.
     pub collapse_below: f64,
+    /// What triangles are held against, so that none turns over.
+    pub normals: Normals,
     /// Vertices that may change, by id of the input mesh; everything without it. Where it is given, only edges with
     /// such an end are touched and all other vertices keep position and order.
     #[serde(skip)]
@@ -47,6 +49,7 @@ impl Default for IsotropicOptions {
             finishing: 6,
             split_above: 4.0 / 3.0,
             collapse_below: 0.8,
+            normals: Normals::Gradient,
             region: None,
             features: Vec::new(),
         }
@@ -89,6 +92,9 @@ pub fn remesh(
 ) -> Result<(TriMesh, Summary), Error> {
     let mut summary = Summary { faces_before: mesh.triangles.len(), ..Summary::default() };
     let mut s = super::take_over(mesh, supports, field, options.region.as_deref(), &options.features)?;
+    if options.normals == Normals::Averaged {
+        s.average_normals();
+    }
     run(&mut s, options, &mut summary);
     summary.faces_after = s.mesh.triangle_count();
     Ok((s.mesh.into_mesh(), summary))

@@ -6,8 +6,11 @@ pub mod angle_repair;
 mod anneal;
 mod band_grid;
 pub mod curvature;
+pub(crate) mod cutout;
+mod even;
 pub mod improve;
 pub mod isotropic;
+pub(crate) mod last_resort;
 mod relax;
 mod repair_moves;
 pub mod shape;
@@ -18,6 +21,7 @@ mod surface;
 pub(crate) mod testing;
 
 pub use supports::Supports;
+pub use surface::Normals;
 
 use crate::geometry::Point;
 use crate::mesh::TriMesh;
@@ -80,6 +84,20 @@ pub enum Error {
         /// Its value.
         value: f64,
     },
+}
+
+/// Largest distance of a vertex of the wall from the implicit, to first order, mm: 0 to rounding unless a vertex
+/// could not be brought onto it.
+pub fn off_implicit(mesh: &TriMesh, supports: &Supports) -> f64 {
+    use rayon::prelude::*;
+    let mut on_wall = vec![false; mesh.points.len()];
+    for (t, ids) in mesh.triangles.iter().enumerate() {
+        if mesh.patch.get(t).is_none_or(|&id| supports.plane(id).is_none()) {
+            ids.iter().for_each(|&v| on_wall[v as usize] = true);
+        }
+    }
+    let distance = |(p, on): (&Point, &bool)| if *on { supports.distance(crate::mesh::WALL, p) } else { 0.0 };
+    mesh.points.par_iter().zip(&on_wall).map(distance).reduce(|| 0.0, f64::max)
 }
 
 fn near(at: &Option<Point>) -> String {

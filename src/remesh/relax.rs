@@ -99,9 +99,9 @@ fn target(s: &Surface, v: u32, balance: Balance) -> Option<(Point, Vector)> {
             let (q, n, step) = s.supports.wall_step(&(p + d), h)?;
             // A long Newton step needs another.
             if step > 0.1 * h {
-                return s.supports.wall_step(&q, h).map(|(q, n, _)| (q, n));
+                return s.supports.wall_step(&q, h).map(|(q, n, _)| (q, s.normal_after_move(v, n)));
             }
-            Some((q, n))
+            Some((q, s.normal_after_move(v, n)))
         }
         Kind::Curve(..) if balance.project => {
             let [a, b] = s.feature_neighbours(v)?;

@@ -283,7 +283,7 @@ fn trial(s: &Surface, v: u32, p: &Point, n: &Vector, limits: Limits, guarded: bo
     Some(sorted(list))
 }
 
-fn ring_radius(s: &Surface, v: u32) -> f64 {
+pub(crate) fn ring_radius(s: &Surface, v: u32) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for h in s.mesh.outgoing(v) {
         sum += (s.point(s.mesh.target(h)) - s.point(v)).norm();

@@ -239,6 +239,29 @@ impl GuidanceField {
     }
 }
 
+/// A guidance field with other lengths round some places.
+pub struct Scaled<'a> {
+    /// The field.
+    pub field: &'a dyn SizeField,
+    /// The places.
+    pub centers: &'a [Point],
+    /// Distance over which the factor goes back to 1, mm.
+    pub reach: f64,
+    /// Factor at the places.
+    pub factor: f64,
+}
+
+impl SizeField for Scaled<'_> {
+    fn size(&self, p: &Point) -> f64 {
+        let h = self.field.size(p);
+        if self.factor == 1.0 {
+            return h;
+        }
+        let d = self.centers.iter().map(|c| (p - c).norm_squared()).fold(f64::INFINITY, f64::min).sqrt();
+        h * (self.factor + (1.0 - self.factor) * (d / self.reach).min(1.0))
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Rule {
     Radius,
@@ -323,7 +346,7 @@ fn summarise(
     options: &GuidanceOptions,
 ) -> Summary {
     let total: f64 = area.iter().sum();
-    let part = |rule: Rule| area.iter().zip(rules).filter(|x| *x.1 == rule).map(|x| x.0).sum::<f64>() / total;
+    let part = |rule: Rule| area.iter().zip(rules).filter(|x| *x.1 == rule).fold(0.0, |sum, x| sum + x.0) / total;
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_unstable_by(|&a, &b| sizes[a].total_cmp(&sizes[b]).then(a.cmp(&b)));
     let mut seen = 0.0;
@@ -338,22 +361,24 @@ fn summarise(
         min: part(Rule::Min),
         max: part(Rule::Max),
     };
-    let percent = |x: f64| (100.0 * x).round();
-    let why = format!(
-        "edges of {min:.3} to {max:.3} mm (median {median:.3} mm), scale {scale:.3}: {} % of the area by radius (at least \
-         {} edges round), {} % by curvature, {} % by chord error, {} % as given, {} % by refinement, {} % at the shortest, \
-         {} % at the longest length",
-        percent(decided_by.radius),
-        match options.edge_length {
+    let named = [
+        (decided_by.radius, format!("by radius (at least {} edges round)", match options.edge_length {
             EdgeLength::Fixed(_) => options.least_edges_per_circumference,
             _ => options.edges_per_circumference,
-        },
-        percent(decided_by.curvature),
-        percent(decided_by.chord),
-        percent(decided_by.fixed),
-        percent(decided_by.refinement),
-        percent(decided_by.min),
-        percent(decided_by.max),
+        })),
+        (decided_by.curvature, "by curvature".into()),
+        (decided_by.chord, "by chord error".into()),
+        (decided_by.fixed, "as given".into()),
+        (decided_by.refinement, "by refinement".into()),
+        (decided_by.min, "at the shortest length".into()),
+        (decided_by.max, "at the longest length".into()),
+    ];
+    // Shares that round to nothing are left out.
+    let shares: Vec<String> =
+        named.into_iter().filter(|(x, _)| *x >= 0.005).map(|(x, how)| format!("{:.0} % {how}", 100.0 * x)).collect();
+    let why = format!(
+        "edges of {min:.3} to {max:.3} mm (median {median:.3} mm), scale {scale:.3}; of the area {}",
+        shares.join(", ")
     );
     Summary { min, median, max, scale, predicted_faces: faces.round() as usize, decided_by, why }
 }
@@ -375,6 +400,8 @@ mod tests {
         let expected = 2.0 * 2.0 * (PI / 28.0).sin();
         assert!((field.size(&Point::new(2.0, 0.0, 0.0)) / expected - 1.0).abs() < 0.02, "{summary:?}");
         assert!(summary.decided_by.radius > 0.9, "{summary:?}");
+        assert!(summary.why.contains("% by radius (at least 28 edges round)"), "{}", summary.why);
+        assert!(!summary.why.contains("-0") && !summary.why.contains("as given"), "{}", summary.why);
         let half = GuidanceOptions { scale: 0.5, ..GuidanceOptions::default() };
         let (half, finer) = GuidanceField::new(&mesh, &f, &axis, VOXEL, &half).unwrap();
         assert!((half.size(&Point::new(2.0, 0.0, 0.0)) / expected - 0.5).abs() < 0.02);

@@ -1,6 +1,7 @@
 //! The surface while it is remeshed: a half-edge mesh whose vertices know what they lie on.
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::shape::worst_cosine;
 use super::{SizeField, Supports};
@@ -41,6 +42,18 @@ impl Kind {
     }
 }
 
+/// What triangles are held against, so that none turns over.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Normals {
+    /// The gradient of the implicit at their corners.
+    #[default]
+    Gradient,
+    /// The mesh's own normals, averaged over two rings at the start. Where the implicit has kinks (a guard, a blend of
+    /// few fits) its gradient jumps by more than a triangle across the kink may lean.
+    Averaged,
+}
+
 /// A mesh under remeshing.
 pub(crate) struct Surface<'a> {
     pub mesh: HalfEdgeMesh,
@@ -51,6 +64,8 @@ pub(crate) struct Surface<'a> {
     pub normal: Vec<Vector>,
     /// Wished edge length at the vertex.
     pub size: Vec<f64>,
+    /// What `normal` holds.
+    normals: Normals,
 }
 
 /// Triangles whose normal is closer than this to the carrier's (cosine) need no further look.
@@ -89,7 +104,39 @@ impl<'a> Surface<'a> {
             })
             .collect();
         let size = mesh.points.par_iter().map(|p| field.size(p)).collect();
-        Ok(Surface { mesh, supports, field, kind, normal, size })
+        Ok(Surface { mesh, supports, field, kind, normal, size, normals: Normals::Gradient })
+    }
+
+    /// Holds triangles against the mesh's own normals, averaged over two rings, from now on.
+    pub fn average_normals(&mut self) {
+        self.normals = Normals::Averaged;
+        let unit = |v: Vector| v.try_normalize(0.0).unwrap_or_else(Vector::zeros);
+        let of_ring = |v: u32| {
+            let wall = |h: &u32| self.supports.plane(self.mesh.patch(h / 3)).is_none();
+            let area = |h: u32| {
+                let [a, b, c] = self.mesh.corners(h / 3);
+                (b - a).cross(&(c - a))
+            };
+            unit(self.mesh.outgoing(v).filter(wall).map(area).sum())
+        };
+        let ids: Vec<u32> = (0..self.mesh.points.len() as u32).collect();
+        let own: Vec<Vector> = ids.par_iter().map(|&v| of_ring(v)).collect();
+        let mean = |v: u32| {
+            if own[v as usize] == Vector::zeros() {
+                return Vector::zeros();
+            }
+            unit(own[v as usize] + self.mesh.outgoing(v).map(|h| own[self.mesh.target(h) as usize]).sum::<Vector>())
+        };
+        self.normal = ids.par_iter().map(|&v| mean(v)).collect();
+    }
+
+    /// The normal to store for vertex `v` of the wall when it moves to where the gradient points along `n`.
+    #[inline]
+    pub fn normal_after_move(&self, v: u32, n: Vector) -> Vector {
+        match self.normals {
+            Normals::Gradient => n,
+            Normals::Averaged => self.normal[v as usize],
+        }
     }
 
     /// Ids of the vertices that exist.
@@ -158,12 +205,14 @@ impl<'a> Surface<'a> {
         let p = pa + (pb - pa) * t;
         let reach = 0.5 * (pb - pa).norm();
         let (left, right) = (self.mesh.patch(h / 3), self.mesh.patch(self.mesh.twin(h) / 3));
+        let averaged = || (self.normal[a as usize] + self.normal[b as usize]).try_normalize(0.0).unwrap_or_else(Vector::zeros);
+        let choose = |n: Vector| if self.normals == Normals::Averaged { averaged() } else { n };
         if left != right {
             let (p, n) = self.supports.project_curve(left, right, &p, reach)?;
-            return Some((p, n.unwrap_or_else(Vector::zeros), Kind::Curve(left.min(right), left.max(right))));
+            return Some((p, n.map_or_else(Vector::zeros, choose), Kind::Curve(left.min(right), left.max(right))));
         }
         let (p, n) = self.supports.project(left, &p, reach)?;
-        let n = if self.supports.plane(left).is_some() { Vector::zeros() } else { n };
+        let n = if self.supports.plane(left).is_some() { Vector::zeros() } else { choose(n) };
         Some((p, n, if self.mesh.is_feature(h) { Kind::Crease } else { Kind::Surface(left) }))
     }
 
@@ -221,11 +270,12 @@ impl<'a> Surface<'a> {
         match self.kind[v as usize] {
             Kind::Surface(patch) => {
                 let (q, n) = self.supports.project(patch, p, reach)?;
-                Some((q, if self.supports.plane(patch).is_some() { Vector::zeros() } else { n }))
+                let plane = self.supports.plane(patch).is_some();
+                Some((q, if plane { Vector::zeros() } else { self.normal_after_move(v, n) }))
             }
             Kind::Curve(a, b) => {
                 let (q, n) = self.supports.project_curve(a, b, p, reach)?;
-                Some((q, n.unwrap_or_else(Vector::zeros)))
+                Some((q, n.map_or_else(Vector::zeros, |n| self.normal_after_move(v, n))))
             }
             _ => None,
         }
