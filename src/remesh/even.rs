@@ -14,9 +14,9 @@ use crate::geometry::{Point, Vector};
 use crate::mesh::halfedge::HalfEdgeMesh;
 
 /// Ratio of areas from which an edge counts.
-const FROM: f64 = 1.4;
+const FROM: f64 = 1.5;
 /// Ratio of areas from which the vertices at an edge are moved.
-const MOVE: f64 = 1.55;
+const MOVE: f64 = 1.66;
 /// Sweeps over the uneven edges.
 const SWEEPS: usize = 8;
 
