@@ -3,26 +3,29 @@
 mod error;
 mod explain;
 mod gates;
+mod input;
 mod options;
 mod results;
 mod retry;
+mod survey;
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 pub use error::{Error, ErrorKind};
+use input::Source;
 pub use results::write;
+pub use survey::Survey;
 
 use crate::centerline::{self, Centerlines};
 use crate::config::{Case, Detect, Method, Profile, Remesher};
 use crate::geometry::Point;
 use crate::implicit::guard::{GuardOptions, Guarded, MaskBoundary};
 use crate::implicit::{self, Implicit};
-use crate::io;
 use crate::mask::{self, Mask};
 use crate::mesh::{self, TriMesh, VolumeMesh};
-use crate::openings::{self, Opening};
+use crate::openings::{self, DetectReport, Opening};
 use crate::pointcloud;
 use crate::polygonize;
 use crate::quality;
@@ -78,22 +81,40 @@ pub struct Context<'a> {
     pub worker: PathBuf,
 }
 
+/// One connected component as reconstructed, before its ends are known.
+struct Draft {
+    /// The component, cropped, padded at the picture's border.
+    mask: Mask,
+    /// Its wall.
+    implicit: Box<dyn Implicit>,
+    /// Its polygonized wall.
+    polygons: TriMesh,
+    /// Its centerlines.
+    centerlines: Centerlines,
+}
+
 /// One connected component on its way from mask to surface.
 pub struct Part {
-    /// The component, cropped, padded at the picture's border.
-    pub mask: Mask,
-    /// Its wall.
+    /// Its wall, extensions included.
     pub implicit: Box<dyn Implicit>,
-    /// Its centerlines.
+    /// Its centerlines as traced in the mask.
+    pub traced: Centerlines,
+    /// Its centerlines, along the extensions too.
     pub centerlines: Centerlines,
     /// Its guidance field.
     pub size: Box<dyn SizeField>,
     /// The polygonized implicit.
     pub polygons: TriMesh,
+    /// What the guidance field wishes on the whole.
+    pub guidance: remesh::size_field::Summary,
     /// Its surface.
     pub surface: TriMesh,
-    /// Its openings.
+    /// Its openings in the mask.
+    pub ends: Vec<Opening>,
+    /// Its openings where they are cut: at the ends of the extensions.
     pub openings: Vec<Opening>,
+    /// Its extensions.
+    pub extensions: Vec<openings::Tube>,
 }
 
 /// The wished edge length where several components are.
@@ -171,7 +192,7 @@ pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
         results::flow_options(case)?;
     }
 
-    let raw = clock.run("read", || read(case, &mut report), |m| format!("{} lumen voxels", m.count()))?;
+    let (raw, source) = clock.run("read", || input::read(case, &mut report), |(m, _)| format!("{} lumen voxels", m.count()))?;
     let (cleaned, cleaning) =
         clock.run("clean", || mask::clean(&raw, &options::cleaning(case)), |(m, _)| format!("{} lumen voxels", m.count()))?;
     drop(raw);
@@ -190,40 +211,63 @@ pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
         volume: None,
     };
     if context.stop_after > Stage::Mask {
-        surface_stages(case, &mut clock, &mut outcome)?;
+        surface_stages(case, &source, &mut clock, &mut outcome)?;
     }
     outcome.report.run.stages = clock.stages;
     Ok(outcome)
 }
 
-/// The mask that the case names.
-fn read(case: &Case, report: &mut Report) -> Result<Mask, Error> {
-    let Some(path) = &case.input.mask else {
-        return Err(Error::Configuration("input: only `mask` can be meshed so far: give `input: {mask: FILE}`".into()));
-    };
-    let image = io::image::read(path)?;
-    // A file that names its own unit is believed.
-    let image = if image.stated_unit.is_none() { image.with_unit(options::unit(case.input.units)) } else { image };
-    let mask = mask::select(&image, &options::selection(case)).map_err(|source| Error::Selection { path: path.clone(), source })?;
-    report.put("input", &results::provenance(path, &image, &mask));
-    Ok(mask)
+/// Looks at a case without meshing it: sizes, ends, and places that deserve a look.
+///
+/// # Errors
+/// As [`run`].
+pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
+    let context = Context { stop_after: Stage::Reconstruction, worker: context.worker.clone(), ..*context };
+    let mut clock = Clock { context: &context, stages: Vec::new() };
+    let mut report = Report::default();
+    let (raw, source) = clock.run("read", || input::read(case, &mut report), |(m, _)| format!("{} lumen voxels", m.count()))?;
+    let (mask, cleaning) =
+        clock.run("clean", || mask::clean(&raw, &options::cleaning(case)), |(m, _)| format!("{} lumen voxels", m.count()))?;
+    drop(raw);
+    let mut drafts = Vec::new();
+    for component in mask::split_components(&mask) {
+        drafts.push(draft(case, &source, &mut clock, &mut report, component)?);
+    }
+    let lines = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
+    let found = clock.run("ends", || ends(case, &mask, &lines, &mut report), |(o, _)| format!("{} openings", o.len()))?;
+    let mut parts = Vec::new();
+    for draft in drafts {
+        parts.push(part(case, &mut clock, &mut report, draft, Vec::new())?);
+    }
+    Ok(Survey::new(mask, cleaning, lines, &parts, found, report))
 }
 
 /// From the cleaned mask to the patched surface, each component by itself.
-fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Result<(), Error> {
+fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut Outcome) -> Result<(), Error> {
     let topology = mask::topology(&outcome.mask);
     let voxel_diagonal = outcome.mask.grid.voxel_diagonal();
-    let mut parts = Vec::new();
-    for component in mask::split_components(&outcome.mask) {
-        parts.push(part(case, clock, &mut outcome.report, component)?);
-    }
     let context = clock.context;
+    let mut drafts = Vec::new();
+    for component in mask::split_components(&outcome.mask) {
+        drafts.push(draft(case, source, clock, &mut outcome.report, component)?);
+    }
+    let traced = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
+    let found = if context.stop_after >= Stage::Surface {
+        clock.run("ends", || ends(case, &outcome.mask, &traced, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
+    } else {
+        Vec::new()
+    };
+    let mut parts = Vec::new();
+    for (n, draft) in drafts.into_iter().enumerate() {
+        let own = found.iter().filter(|o| o.component as usize == n).cloned().collect();
+        parts.push(part(case, clock, &mut outcome.report, draft, own)?);
+    }
     if context.stop_after >= Stage::Surface {
         clock.run("openings", || cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
     }
     outcome.openings = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
     outcome.openings.iter().for_each(|o| context.progress.explain(&explain::opening(o)));
-    outcome.centerlines = results::joined_centerlines(&parts);
+    outcome.centerlines = results::joined_centerlines(parts.iter().map(|p| &p.centerlines));
     let surface = results::joined_surface(&parts);
 
     let quality = clock.run("quality", || Ok::<_, Error>(quality::surface(&surface, &options::surface_quality(case))), |q| format!("S max {:.3}, mean {:.3}", q.s_max, q.s_mean))?;
@@ -235,30 +279,44 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
     outcome.report.put_in("surface", "self_intersections", &crossings.len());
     gates::surface(&mut outcome.report, case, &combinatorial, crossings.len(), &quality, &topology);
 
-    let cuts: Vec<_> = outcome.openings.iter().map(quality::fidelity::Cut::from).collect();
+    // Extensions have no counterpart in the mask: they are left out of what is held against it.
+    let cuts: Vec<_> = parts.iter().flat_map(|p| &p.ends).map(quality::fidelity::Cut::from).collect();
     let fidelity = clock.run(
         "fidelity",
         || {
             let reference = quality::fidelity::Reference::new(&outcome.mask)?;
-            let measured = quality::fidelity::measure(&surface, &reference, &cuts, &Default::default())?;
-            let radii = quality::fidelity::radii(&outcome.centerlines, &surface, &reference);
+            let vessel = results::without_extensions(&surface, &parts);
+            let mut measured = quality::fidelity::measure(&vessel, &reference, &cuts, &Default::default())?;
+            results::leave_out_extensions(&mut measured, &surface, &parts);
+            let radii = quality::fidelity::radii(&traced, &surface, &reference);
             Ok::<_, Error>((measured, radii))
         },
         |(f, _)| format!("deviation median {:.3}, max {:.3} voxel diagonals", f.to_marching_cubes.voxel_diagonals.median, f.to_marching_cubes.voxel_diagonals.max),
     )?;
-    let lost = quality::fidelity::lost(&results::inside_picture(&outcome.centerlines, &outcome.mask), &surface, &cuts, voxel_diagonal);
+    let lost = quality::fidelity::lost(&results::inside_picture(&traced, &outcome.mask), &surface, &cuts, voxel_diagonal);
     outcome.report.put("fidelity", &fidelity.0);
     outcome.report.put_in("fidelity", "topology", &serde_json::json!({"mask": topology, "surface": combinatorial}));
     outcome.report.put_in("fidelity", "lost", &lost.parts);
     outcome.report.put_in("fidelity", "radius", &fidelity.1);
+    if let Source::Surface(given) = source {
+        let vessel = results::without_extensions(&surface, &parts);
+        outcome.report.put_in("fidelity", "to_input_surface", &quality::fidelity::to_surface(&vessel, given, &Default::default())?);
+    }
     gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();
     outcome.curvature = results::gaussian_curvature(&parts);
     outcome.surface_skewness = quality.per_triangle;
 
+    // A copy with the wall's named parts; everything up to the files goes by one wall.
+    let mut named = surface.clone();
+    if context.stop_after >= Stage::Surface {
+        for (name, region) in options::wall_patches(case) {
+            mesh::regions::mark(&mut named, name, &region)?;
+        }
+    }
     if context.stop_after >= Stage::Volume {
         let sizes = Sizes(&parts);
-        let (cells, built) = clock.run(
+        let (mut cells, built) = clock.run(
             "volume",
             || volume::build(&surface, &sizes, &options::volume(case, &context.worker), Some(context.cancel)),
             |(v, _)| format!("{} tetrahedra, {} prisms", v.tets.len(), v.prisms.len()),
@@ -277,23 +335,26 @@ fn surface_stages(case: &Case, clock: &mut Clock, outcome: &mut Outcome) -> Resu
         let faults = results::boundary_faces_unlike(&surface, &cells);
         gates::volume(&mut outcome.report, case, &measured, faults);
         outcome.cell_skewness = measured.per_cell;
+        if !case.surface.patches.is_empty() {
+            mesh::regions::carry_over(&named, &mut cells);
+        }
         outcome.volume = Some(cells);
     }
-    outcome.surface = Some(surface);
+    outcome.surface = Some(named);
     Ok(())
 }
 
-/// One component: implicit, polygons, centerlines, sizes, triangles.
-fn part(case: &Case, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Part, Error> {
+/// One component: implicit, polygons, centerlines.
+fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Draft, Error> {
     let context = clock.context;
     let mask = mask::crop_pad(&component, 4, PAD);
     let wanted = mask::topology(&mask);
     let polygons = |f: &dyn Implicit| polygonize::polygonize(f, &mask, &options::polygonizer(case));
     let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
-    let mut implicit = clock.run("reconstruct", || reconstruct(case, &mask, report), |_| String::new())?;
+    let mut implicit = clock.run("reconstruct", || reconstruct(case, source, &mask, report), |_| String::new())?;
     let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
     let topology = mesh::topology::check(&surface);
-    if options::method(case) == Method::Smooth && (topology.euler, topology.components) != (2 * wanted.euler, wanted.components) {
+    if !options::guarded(case, source) && (topology.euler, topology.components) != (2 * wanted.euler, wanted.components) {
         // The guard costs smoothness where it acts; it is taken where the fit alone has another topology than the mask.
         context.progress.explain("the fit has another topology than the mask: it is guarded by the mask's boundary");
         let boundary = MaskBoundary::new(&mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
@@ -315,10 +376,43 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, component: Mask) ->
         },
         |c| format!("{} branches", c.branches.len()),
     )?;
+    Ok(Draft { mask, implicit, polygons, centerlines })
+}
+
+/// One component with its ends known: extensions, sizes, triangles.
+fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends: Vec<Opening>) -> Result<Part, Error> {
+    let context = clock.context;
+    let Draft { mask, mut implicit, mut polygons, centerlines: traced } = draft;
+    let mut centerlines = traced.clone();
+    let (mut openings, mut extensions) = (ends.clone(), Vec::new());
+    let wanted = options::extensions(case, &mask, implicit.as_ref(), &traced, &ends)?;
+    if !wanted.is_empty() {
+        let extend = || -> Result<_, Error> {
+            let (extended, moved) = openings::Extended::new(implicit, &mask, &ends, &wanted)?;
+            let level = polygonize::PolygonizeOptions { offset: 0.0, ..options::polygonizer(case) };
+            let (polygons, _) = polygonize::polygonize(&extended, &mask, &level)?;
+            Ok((extended, moved, polygons))
+        };
+        let (extended, moved, surface) = clock.run("extensions", extend, |(e, ..)| format!("{} extensions", e.tubes().len()))?;
+        centerlines = extended.centerlines(&traced);
+        extensions = extended.tubes().to_vec();
+        (implicit, openings, polygons) = (Box::new(extended), moved, surface);
+    }
     let size = clock.run("guidance field", || guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| s.why.clone())?;
     context.progress.explain(&size.1.why);
     report.put_in("remeshing", "guidance_field", &size.1);
-    let mut part = Part { mask, implicit, centerlines, size: Box::new(size.0), surface: polygons.clone(), polygons, openings: Vec::new() };
+    let mut part = Part {
+        implicit,
+        traced,
+        centerlines,
+        size: Box::new(size.0),
+        guidance: size.1,
+        surface: polygons.clone(),
+        polygons,
+        ends,
+        openings,
+        extensions,
+    };
     if context.stop_after >= Stage::Surface {
         let made = clock.run(
             "remesh",
@@ -358,8 +452,31 @@ fn guidance(
 /// Voxels by which a vessel that leaves the picture is continued, so that the cut lies inside the picture.
 const PAD: usize = 4;
 
-fn reconstruct(case: &Case, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
+/// Distance of the points that a surface is sampled at, in voxels of its grid.
+const SURFACE_PITCH: f64 = 0.7;
+
+/// How far the fit may lie from them, in voxels: they are exact, facets apart.
+const SURFACE_TOLERANCE: f64 = 0.1;
+
+fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
     report.put_in("reconstruction", "profile", &case.reconstruction.profile);
+    // A method that the case names is used on the mask; by itself a map or surface says more than its mask.
+    match source {
+        Source::Map { image, isovalue } if case.reconstruction.method.is_none() => {
+            report.put_in("reconstruction", "fitted_to", &"probability map");
+            return Ok(Box::new(input::map_on(image, *isovalue, mask)?));
+        }
+        Source::Surface(mesh) if case.reconstruction.method.is_none() => {
+            let voxel = mask.grid.spacing()[0];
+            let points = pointcloud::from_surface(mesh, &pointcloud::SurfaceOptions { pitch: Some(SURFACE_PITCH * voxel) })?;
+            let fit = implicit::mpu::MpuOptions { tolerance: SURFACE_TOLERANCE * voxel, ..implicit::mpu::MpuOptions::estimate(&mask.grid, &points) };
+            let (f, summary) = implicit::mpu::fit(&points, &fit)?;
+            report.put_in("reconstruction", "fitted_to", &"surface");
+            report.put_in("reconstruction", "mpu", &summary);
+            return Ok(Box::new(f));
+        }
+        _ => {}
+    }
     match options::method(case) {
         Method::Smooth => {
             let (f, summary) = implicit::smooth::fit(mask, &Default::default())?;
@@ -381,15 +498,14 @@ fn reconstruct(case: &Case, mask: &Mask, report: &mut Report) -> Result<Box<dyn 
     }
 }
 
-/// Finds the ends and cuts them open; gives the number of openings.
+/// Cuts the ends open; gives the number of openings.
 fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Result<usize, Error> {
-    let found = ends(case, mask, &results::joined_centerlines(parts), report)?;
+    let found: Vec<Opening> = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
     let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
     let mut measures = Vec::new();
     let mut off_implicit = 0.0f64;
     let mut retries = Vec::new();
     for (n, part) in parts.iter_mut().enumerate() {
-        part.openings = found.iter().filter(|o| o.component as usize == n).cloned().collect();
         let whole: &Part = part;
         let (mesh, made, tried) = retry::surface(&whole.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
             cut_part(case, whole, attempt, places)
@@ -415,6 +531,10 @@ fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Res
     }
     measures.sort_by_key(|m| m.id);
     report.put("openings", &results::opening_rows(&measures, &found));
+    let extensions = results::extension_rows(parts, &measures);
+    if !extensions.is_empty() {
+        report.put("extensions", &extensions);
+    }
     let inlets = found.iter().filter(|o| o.kind == mesh::PatchKind::Inlet).count();
     gates::openings(report, case, &measures, inlets, diagonal);
     if found.is_empty() {
@@ -424,7 +544,7 @@ fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Res
 }
 
 /// The planes at which to cut: those detected, and what the user wants of them.
-fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> Result<Vec<Opening>, Error> {
+fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> Result<(Vec<Opening>, DetectReport), Error> {
     // The centerlines run on through the padding; so must the mask that they are held against.
     let padded = mask::crop_pad(mask, 4, PAD);
     let (detected, summary) = match case.openings.detect {
@@ -436,10 +556,14 @@ fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> R
     }
     report.put("ends", &summary);
     let (found, warnings) = openings::apply_user(&padded, lines, detected, &options::user_openings(case))?;
+    if let Some(name) = case.extensions.openings.keys().find(|k| found.iter().all(|o| o.name != **k)) {
+        let known = found.iter().map(|o| o.name.as_str()).collect::<Vec<_>>().join(", ");
+        return Err(openings::ExtendError::Unknown { name: name.clone(), known }.into());
+    }
     for w in warnings {
         report.warn("openings", w);
     }
-    Ok(found)
+    Ok((found, summary))
 }
 
 /// The carriers of all patches of a component.

@@ -9,9 +9,12 @@ mod axis;
 mod curve;
 mod field;
 mod graph;
+mod places;
 mod ring;
 mod thin;
 mod tips;
+
+pub use places::{ClosePlace, ThinPlace, close_places, thin_places};
 
 use rayon::prelude::*;
 use serde::Serialize;

@@ -18,6 +18,7 @@ pub struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   lumenmesh mesh aneurysm.nrrd -o out             all defaults, no case file
+  lumenmesh init aneurysm.nrrd -o case.yaml       a case file to edit, with the ends that were found
   lumenmesh run case.yaml -o out --set \"surface.edge_length=0.3 mm\"
   lumenmesh check out/volume/lumen.vtu            quality of any mesh
 
@@ -37,6 +38,8 @@ pub enum Command {
     Phantom(PhantomArgs),
     /// Run many cases, one folder each, worst first in cohort.html.
     Batch(BatchArgs),
+    /// Write a commented case file for a mask or surface: sizes, ends that were found, advice.
+    Init(InitArgs),
     /// Check a case file without running it.
     Validate(ValidateArgs),
     /// Print the JSON Schema (draft-07) of case files.
@@ -207,6 +210,25 @@ Examples:
 
 An offset is in voxel diagonals: how the mesh answers to a surface moved by a part of a voxel.
 The exit code is that of the worst case.";
+
+/// Arguments of `init`.
+#[derive(Debug, Clone, Args)]
+pub struct InitArgs {
+    /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or closed surface (.stl, .vtp, .ply).
+    pub input: PathBuf,
+    /// File for the case; default: standard output. An existing file is kept.
+    #[arg(short, long, value_name = "CASE.yaml")]
+    pub output: Option<PathBuf>,
+    /// Replace an existing file.
+    #[arg(long, requires = "output")]
+    pub force: bool,
+    /// Change a key of the case first, such as `--set input.label=1`; may be repeated.
+    #[arg(long = "set", value_name = "KEY.PATH=VALUE")]
+    pub set: Vec<String>,
+    /// Explain decisions.
+    #[arg(short, long)]
+    pub verbose: bool,
+}
 
 /// Arguments of `validate`.
 #[derive(Debug, Clone, Args)]

@@ -5,6 +5,7 @@ mod batch;
 mod check;
 mod console;
 mod exit;
+mod init;
 mod output;
 mod phantom;
 mod run;
@@ -65,6 +66,7 @@ pub fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Check(a) => check::run(a),
         Command::Phantom(a) => phantom::run(a),
         Command::Batch(a) => batch::run(a),
+        Command::Init(a) => init::run(a),
         Command::Validate(a) => text::validate(a),
         Command::Schema => text::schema(),
         Command::Reference => text::reference(),

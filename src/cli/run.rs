@@ -19,10 +19,11 @@ pub fn run(args: &RunArgs) -> Result<u8, Failure> {
 
 /// `lumenmesh mesh MASK`
 pub fn mesh(args: &MeshArgs) -> Result<u8, Failure> {
-    execute(&case_for(&args.input, &args.common.set)?, &args.output, &args.common)
+    let case = case_for(&args.input, &args.common.set)?;
+    execute(&case, &args.output, &args.common)
 }
 
-/// The case of a mask or surface with all defaults but `set`.
+/// The case for a mask or surface with all defaults but `set`.
 pub fn case_for(input: &Path, set: &[String]) -> Result<Case, Failure> {
     let name = input.to_string_lossy().to_lowercase();
     let surface = [".stl", ".vtp", ".ply"].iter().any(|e| name.ends_with(e));

@@ -2,6 +2,7 @@
 //!
 //! The doc comments here are the one source of the JSON Schema and of the reference page.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
@@ -79,9 +80,12 @@ pub struct Input {
     /// Probability or level map; lumen is where it exceeds `isovalue`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probability: Option<PathBuf>,
-    /// Closed surface: .stl, .vtp or .ply.
+    /// Surface: .stl, .vtp or .ply, closed or open at flat ends, which are closed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<PathBuf>,
+    /// Voxel edge of the grid that a surface is put on, such as `0.2 mm`. Default: a vessel is eight voxels across.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spacing: Option<Length>,
     /// Label or labels that are lumen. Default: every voxel that is not zero.
     #[serde(skip_serializing_if = "Labels::is_empty")]
     pub label: Labels,
@@ -261,6 +265,9 @@ pub struct Surface {
     pub growth: f64,
     /// Places that want smaller triangles.
     pub refine: Vec<Refine>,
+    /// Parts of the wall as patches of their own, such as a sac: `[{name: sac, sphere: {center: [1, 2, 3], radius: 4}}]`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub patches: Vec<WallPatch>,
     /// Every triangle must stay below this equi-angle skewness.
     pub max_skewness: f64,
     /// The equi-angle skewness that angle repair works towards.
@@ -279,10 +286,35 @@ impl Default for Surface {
             edges_around: 28.0,
             growth: 0.15,
             refine: Vec::new(),
+            patches: Vec::new(),
             max_skewness: 0.75,
             target_skewness: 0.45,
         }
     }
+}
+
+/// A part of the wall with its own name: what lies in a sphere, or what a plane cuts off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WallPatch {
+    /// Patch name.
+    pub name: String,
+    /// Ball; give this or `plane`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sphere: Option<Sphere>,
+    /// Plane through the neck; give this or `sphere`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plane: Option<NeckPlane>,
+}
+
+/// A plane through the neck of a sac.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NeckPlane {
+    /// A point on the plane in the neck, LPS mm.
+    pub center: [f64; 3],
+    /// Direction into the sac; any length.
+    pub normal: [f64; 3],
 }
 
 /// How the final triangles are made.
@@ -334,7 +366,7 @@ pub struct Cuboid {
     pub max: [f64; 3],
 }
 
-/// Straight pieces added at the openings.
+/// Straight pieces added at the openings. In `D` and `R` the section's own size is meant: the circle of its area.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Extensions {
@@ -342,12 +374,48 @@ pub struct Extensions {
     pub length: Length,
     /// Length over which the section turns into a circle of equal area; `0 D` keeps the section. Default `0 D`.
     pub blend: Length,
+    /// Where the extensions lead. Default normal.
+    pub direction: ExtensionDirection,
+    /// Openings that want it otherwise, by their names: `{inlet: {length: 10 D}, outlet_2: {length: 0 D}}`.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub openings: BTreeMap<String, OneExtension>,
 }
 
 impl Default for Extensions {
     fn default() -> Self {
-        Extensions { length: Length::diameters(0.0), blend: Length::diameters(0.0) }
+        Extensions {
+            length: Length::diameters(0.0),
+            blend: Length::diameters(0.0),
+            direction: ExtensionDirection::Normal,
+            openings: BTreeMap::new(),
+        }
     }
+}
+
+/// Where an extension leads.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ExtensionDirection {
+    /// Along the opening's normal.
+    #[default]
+    Normal,
+    /// Along the centerline's tangent at the opening.
+    Centerline,
+}
+
+/// What one opening's extension has of its own; keys left out are as for all.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OneExtension {
+    /// Length; `0 D` leaves this opening as it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub length: Option<Length>,
+    /// Length over which the section turns into a circle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blend: Option<Length>,
+    /// Where it leads.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction: Option<ExtensionDirection>,
 }
 
 /// Tetrahedra and prisms.

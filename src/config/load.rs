@@ -149,10 +149,18 @@ fn check(case: &Case) -> Result<(), (String, String)> {
     if i.threshold.is_some() && i.label != Labels::NonZero {
         return fail("input", "has both label and threshold: give only one".into());
     }
-    // Keys of the contract that this version does not act on are refused, not ignored.
-    if case.extensions.length.value > 0.0 {
-        return fail("extensions.length", "flow extensions are not available in this version: set it to `0 D`".into());
+    if i.isovalue.is_some() && i.probability.is_none() {
+        return fail("input.isovalue", "only a probability map has an isovalue: give `probability` instead, or use `threshold`".into());
     }
+    if i.probability.is_some() && (i.label != Labels::NonZero || i.threshold.is_some()) {
+        return fail("input", "a probability map is cut at `isovalue`; label and threshold are for masks".into());
+    }
+    match i.spacing {
+        Some(_) if i.surface.is_none() => return fail("input.spacing", "an image has its own voxels: spacing is for surfaces".into()),
+        Some(l) if l.unit != Unit::Millimetre || l.value <= 0.0 => return fail("input.spacing", "give it in mm, such as `0.2 mm`".into()),
+        _ => {}
+    }
+    // Keys of the contract that this version does not act on are refused, not ignored.
     if case.volume.series > 1 {
         return fail("volume.series", "series are not available in this version: run the case with several values of surface.scale".into());
     }
@@ -175,6 +183,15 @@ fn check(case: &Case) -> Result<(), (String, String)> {
     for (n, r) in s.refine.iter().enumerate() {
         if r.sphere.is_some() == r.cuboid.is_some() {
             return fail(&format!("surface.refine[{n}]"), "give either sphere or box".into());
+        }
+    }
+    for (n, p) in s.patches.iter().enumerate() {
+        let key = format!("surface.patches[{n}] `{}`", p.name);
+        if p.sphere.is_some() == p.plane.is_some() {
+            return fail(&key, "give either sphere or plane".into());
+        }
+        if p.plane.as_ref().is_some_and(|q| crate::geometry::Plane::new(q.center.into(), q.normal.into()).is_none()) {
+            return fail(&key, "its normal has no direction: give the direction into the sac".into());
         }
     }
     if let Some(cell) = case.reconstruction.cell {

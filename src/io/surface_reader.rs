@@ -15,24 +15,8 @@ pub(super) fn kind_of(name: &str) -> PatchKind {
 
 /// Joins equal corners, by value, in the order of their first appearance.
 fn join(corners: Vec<Point>, patch: Vec<u32>, patches: Vec<Patch>) -> TriMesh {
-    let key = |p: &Point| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
-    let mut order: Vec<u32> = (0..corners.len() as u32).collect();
-    order.sort_by_key(|&i| (key(&corners[i as usize]), i));
-    let mut first = vec![0u32; corners.len()];
-    for group in order.chunk_by(|&a, &b| key(&corners[a as usize]) == key(&corners[b as usize])) {
-        group.iter().for_each(|&i| first[i as usize] = group[0]);
-    }
-    let (mut id, mut points) = (vec![0u32; corners.len()], vec![]);
-    for (i, p) in corners.iter().enumerate() {
-        if first[i] as usize == i {
-            id[i] = points.len() as u32;
-            points.push(*p);
-        } else {
-            id[i] = id[first[i] as usize];
-        }
-    }
-    let triangles = id.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-    TriMesh { points, triangles, patch, patches }
+    let triangles = (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    TriMesh { points: corners, triangles, patch, patches }.welded()
 }
 
 /// Reads STL; solids of ASCII files become patches.

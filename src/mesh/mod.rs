@@ -3,7 +3,9 @@
 pub mod bvh;
 pub mod halfedge;
 pub mod faces;
+pub mod holes;
 pub mod intersect;
+pub mod regions;
 #[cfg(test)]
 pub(crate) mod test_shapes;
 pub mod topology;
@@ -66,6 +68,32 @@ impl TriMesh {
     pub fn new(points: Vec<Point>, triangles: Vec<[u32; 3]>) -> TriMesh {
         let patch = vec![WALL; triangles.len()];
         TriMesh { points, triangles, patch, patches: vec![Patch::wall()] }
+    }
+
+    /// The mesh with points of equal coordinates joined into one, in the order of their first appearance.
+    #[must_use]
+    pub fn welded(&self) -> TriMesh {
+        let key = |i: u32| {
+            let p = &self.points[i as usize];
+            [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits())
+        };
+        let mut order: Vec<u32> = (0..self.points.len() as u32).collect();
+        order.sort_by_key(|&i| (key(i), i));
+        let mut first = vec![0u32; self.points.len()];
+        for group in order.chunk_by(|&a, &b| key(a) == key(b)) {
+            group.iter().for_each(|&i| first[i as usize] = group[0]);
+        }
+        let (mut id, mut points) = (vec![0u32; self.points.len()], Vec::new());
+        for (i, p) in self.points.iter().enumerate() {
+            id[i] = if first[i] as usize == i {
+                points.push(*p);
+                points.len() as u32 - 1
+            } else {
+                id[first[i] as usize]
+            };
+        }
+        let triangles = self.triangles.iter().map(|t| t.map(|v| id[v as usize])).collect();
+        TriMesh { points, triangles, patch: self.patch.clone(), patches: self.patches.clone() }
     }
 
     /// The three corners of triangle `t`.

@@ -5,12 +5,14 @@
 //! *Leaving the image*: the free end lies at or beyond the border of the picture and lumen voxels stand on that
 //! border. The cut is square to the axis at the first place whose whole section lies inside the picture.
 //!
-//! *A blunt end* inside the image is cut at the first place, from half a radius and a voxel behind the tip on, at
-//! which the section has settled: its area is no longer growing, and it is no wider than a vessel's.
+//! *A blunt end* inside the image is cut at the first place, from half a radius and a voxel behind a flat tip and nine
+//! tenths of a radius behind a dome on, at which the section has settled: its area is no longer growing, and it is no
+//! wider than a vessel's. The plane is square to the line through the middles of the sections round it.
 //!
 //! *A sac is told from a stub* by these rules, each on the part of the branch outside its junction's sphere; R is its
 //! largest radius, D = 2R, L its length up to the tip. It is a sac, unless its tip is flat as a cut is, when
-//! 1. it widens towards the tip: R ≥ 1.2 times the radius at its neck, and neck to tip is no longer than 3 R; or
+//! 1. it widens towards the tip: R ≥ 1.2 times the radius at its neck, neck to tip is no longer than 3 R, and the
+//!    vessel behind the neck, where there are 3 R of it, is narrower than R too (else the neck is a stenosis); or
 //! 2. it is wider than all vessels at its junction: the upper quartile of its radii ≥ 1.3 times their medians, and L ≤ 3.5 D, and its radius
 //!    varies by a quarter (10 % to 90 % of its samples) or L ≤ 1.5 D; and
 //!
@@ -18,6 +20,7 @@
 
 use serde::Serialize;
 
+use super::axis::axis;
 use super::names::{self, Sized};
 use super::section::{Section, section};
 use super::{FoundBy, Opening};
@@ -29,8 +32,12 @@ use crate::mesh::PatchKind;
 /// How ends are told apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DetectOptions {
-    /// Least distance of a cut from a blunt tip, in radii; a voxel is added.
+    /// Least distance of a cut from a tip that is flat, in radii; a voxel is added.
     pub tip_radii: f64,
+    /// The same where the tip is a dome, whose section is whole one radius behind its tip only.
+    pub dome_radii: f64,
+    /// A section has settled when its area is at least this part of that one radius further inwards.
+    pub settled: f64,
     /// Farthest shift inwards while the section is irregular, in radii.
     pub shift_radii: f64,
     /// A section of more than this many times the inscribed circle's area is irregular.
@@ -47,6 +54,8 @@ impl Default for DetectOptions {
     fn default() -> Self {
         DetectOptions {
             tip_radii: 0.5,
+            dome_radii: 0.9,
+            settled: 0.95,
             shift_radii: 2.0,
             max_area_ratio: 1.6,
             sac_widening: 1.2,
@@ -90,6 +99,8 @@ pub struct BlindEnd {
 pub struct FoundEnd {
     /// Name of the opening.
     pub name: String,
+    /// Origin of the opening's plane, LPS mm.
+    pub center: Point,
     /// Where the centerline ends, LPS mm.
     pub tip: Point,
     /// Distance of the plane from the tip along the axis, mm.
@@ -132,12 +143,11 @@ pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec
             }
         }
     }
-    let tips: Vec<(Point, FoundEnd)> = found.iter().map(|(s, f)| (s.opening.plane.origin, f.clone())).collect();
-    let mut sized: Vec<Sized> = found.into_iter().map(|(s, _)| s).collect();
+    let (mut sized, tips): (Vec<Sized>, Vec<FoundEnd>) = found.into_iter().unzip();
     names::choose_inlets(&mut sized);
     let openings = names::assign(sized);
     for o in &openings {
-        if let Some((_, f)) = tips.iter().find(|(p, _)| *p == o.plane.origin) {
+        if let Some(f) = tips.iter().find(|f| f.center == o.plane.origin) {
             report.found.push(FoundEnd { name: o.name.clone(), ..f.clone() });
         }
     }
@@ -220,6 +230,37 @@ impl Walk {
     }
 }
 
+impl Walk {
+    /// Position, direction square to the sections, and radius at a distance from the tip.
+    ///
+    /// Near a tip the centerline may turn aside by more than a right angle's half: its direction there, a radius and
+    /// two further in, and the way from there are each made square; the one with the smallest section half a radius
+    /// further in, away from the tip, is the vessel's.
+    fn square(&self, mask: &Mask, t: f64, inwards: f64, border: bool) -> (Point, Vector, f64) {
+        let usable = |p: &Point| !border || in_image(mask, p);
+        let whole = |plane: &Plane, reach: f64| !border || disc_inside(mask, plane, reach);
+        let (p, own, r) = self.at(t, usable);
+        let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
+        let far = t + (2.0 * r).min(inwards);
+        let further: [(Point, Vector, f64); 2] = [0.5, 1.0].map(|f| self.at(t + f * (far - t), usable));
+        let mut guesses = vec![own, further[0].1, further[1].1];
+        guesses.extend((p - further[1].0).try_normalize(0.1 * r));
+        let mut best: Option<(f64, Point, Vector)> = None;
+        for guess in guesses {
+            if best.as_ref().is_some_and(|b| b.2.dot(&guess) > 0.98) {
+                continue;
+            }
+            let (q, d) = axis(mask, &p, &guess, r, inwards, whole);
+            let inside = Plane::new(q - d * (0.5 * r).min(inwards), d);
+            let area = inside.and_then(|plane| section(mask, &plane, 4.0 * r + 2.0 * voxel)).map_or(f64::INFINITY, |s| s.area);
+            if best.as_ref().is_none_or(|b| area < 0.97 * b.0) {
+                best = Some((area, q, d));
+            }
+        }
+        best.map_or((p, own, r), |b| (b.1, b.2, r))
+    }
+}
+
 fn one(
     mask: &Mask,
     lines: &Centerlines,
@@ -239,12 +280,13 @@ fn one(
     let inside = |p: &Point| in_image(mask, p);
     let (length, _) = walk.outside();
     let farthest = if walk.junction.is_some() { length.max(0.3 * walk.total()) } else { 0.5 * walk.total() };
-    let first = if border { 0.0 } else { options.tip_radii * walk.radius[0] + voxel };
+    let from_tip = if flat { options.tip_radii * walk.radius[0] + voxel } else { options.dome_radii * walk.radius[0] + 0.5 * voxel };
+    let first = if border { 0.0 } else { from_tip };
     let mut best: Option<(f64, f64, Plane, f64, Section)> = None;
     let mut settled_at: Option<f64> = None;
     let mut t = first.min(farthest);
     loop {
-        let (p, d, r) = walk.at(t, |p| !border || inside(p));
+        let (p, d, r) = walk.square(mask, t, farthest - t, border);
         let looked = Plane::new(p, d).and_then(|plane| {
             let s = section(mask, &plane, 4.0 * r + 2.0 * voxel)?;
             Some((plane, s))
@@ -252,9 +294,13 @@ fn one(
         if let Some((plane, s)) = looked {
             let whole = !border || disc_inside(mask, &plane, s.reach.min(2.5 * r));
             let further = walk.at((t + r).min(farthest), |p| !border || inside(p));
-            let next = Plane::new(further.0, further.1).and_then(|q| section(mask, &q, 4.0 * further.2 + 2.0 * voxel));
-            let grown = next.is_some_and(|n| s.area < 0.9 * n.area.min(1.5 * s.area) && n.area < 2.0 * s.area);
-            if whole && (border || !grown) {
+            // Square to the same axis: near a tip the centerline's own direction is no measure.
+            let next = Plane::new(further.0, d).and_then(|q| section(mask, &q, 4.0 * further.2 + 2.0 * voxel));
+            let settled = options.settled - 0.1 * (voxel / r).min(1.0);
+            let grown = next.is_some_and(|n| s.area < settled * n.area.min(1.5 * s.area) && n.area < 2.0 * s.area);
+            // Thin sections are too rough to tell; in a vessel that widens for long the first places are as good.
+            let late = t > first + 1.25 * r;
+            if whole && (border || late || !grown) {
                 let from = *settled_at.get_or_insert(t);
                 let ratio = s.area / (std::f64::consts::PI * r * r);
                 let badness = (ratio / options.max_area_ratio).max(s.aspect / 2.0).max(if s.clipped { 9.0 } else { 0.0 });
@@ -273,7 +319,8 @@ fn one(
     }
     if best.is_none() {
         // Never settled: as far from the tip as may be is the best there is.
-        let (p, d, r) = walk.at((1.0 * walk.radius[0]).min(farthest), |p| !border || inside(p));
+        let t = walk.radius[0].min(farthest);
+        let (p, d, r) = walk.square(mask, t, farthest - t, border);
         best = Plane::new(p, d).and_then(|plane| Some((2.0, walk.radius[0].min(farthest), plane, r, section(mask, &plane, 4.0 * r + 2.0 * voxel)?)));
     }
     let Some((badness, from_tip, plane, radius, s)) = best else { return Err(BlindReason::NoSection) };
@@ -298,7 +345,7 @@ fn one(
         confidence,
         component: lines.branches[branch].component,
     };
-    let end = FoundEnd { name: String::new(), tip: walk.point[0], from_tip, area: s.area };
+    let end = FoundEnd { name: String::new(), center: plane.origin, tip: walk.point[0], from_tip, area: s.area };
     Ok((Sized { opening, area: s.area, fixed: false }, end))
 }
 
@@ -329,7 +376,11 @@ fn blind(lines: &Centerlines, branch: usize, walk: &Walk, options: &DetectOption
             neck = i;
         }
     }
-    if r[widest] >= options.sac_widening * r[neck] && walk.arc[neck] <= 3.0 * r[widest] {
+    // Where the vessel behind the neck is as wide again for some length, the neck is a stenosis.
+    let behind = (neck..n).filter(|&i| walk.arc[i] <= walk.arc[neck] + 6.0 * r[widest]);
+    let long = walk.arc[n - 1] - walk.arc[neck] >= 3.0 * r[widest];
+    let stenosis = long && options.sac_widening * quantile(behind.map(|i| r[i]), 0.75) > r[widest];
+    if r[widest] >= options.sac_widening * r[neck] && walk.arc[neck] <= 3.0 * r[widest] && !stenosis {
         return Some(BlindReason::SacWithNeck);
     }
     // The vessels beyond the junction, or beyond the group of junctions that it belongs to.

@@ -1,5 +1,6 @@
 //! Inlets and outlets: detection, plane cuts, caps, flow extensions.
 
+mod axis;
 mod cap;
 mod cut;
 mod detect;
@@ -12,7 +13,7 @@ mod user;
 pub use cut::{CutOptions, CutSummary, OpeningMeasure, cut, measure};
 pub use rims::{RimOptions, RimSummary};
 pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
-pub use extend::{ExtendError, Extended, Extension};
+pub use extend::{ExtendError, Extended, Extension, Tube, equivalent_radius};
 pub use section::{Section, section};
 pub use user::{UserError, UserOpenings, UserPlane, apply_user};
 

@@ -1,5 +1,7 @@
 //! What can end a run, by kind: the command line turns kinds into exit codes.
 
+use std::path::PathBuf;
+
 use crate::{centerline, implicit, io, mask, openings, pointcloud, polygonize, quality, remesh, volume};
 
 /// Kinds of failure.
@@ -61,6 +63,26 @@ pub enum Error {
     /// The user's openings cannot be made.
     #[error(transparent)]
     UserOpenings(#[from] openings::UserError),
+    /// An extension cannot be made.
+    #[error(transparent)]
+    Extension(#[from] openings::ExtendError),
+    /// A surface cannot be the wall of a lumen.
+    #[error("{file}: {what}", file = file.display())]
+    Surface {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong, where, and what to do.
+        what: String,
+    },
+    /// A part of the wall cannot be a patch of its own.
+    #[error(transparent)]
+    Region(#[from] crate::mesh::regions::RegionError),
+    /// A surface cannot be sampled.
+    #[error(transparent)]
+    Samples(#[from] pointcloud::SurfaceError),
+    /// A probability map has no wall.
+    #[error("the probability map: {0}")]
+    Probability(#[from] implicit::probability::ProbabilityError),
     /// No flow can be planned.
     #[error(transparent)]
     Flow(#[from] crate::flow::FlowError),
@@ -89,8 +111,9 @@ impl Error {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Error::File(io::Error::Write { .. }) => ErrorKind::Configuration,
-            Error::File(_) | Error::Mask(_) | Error::Selection { .. } => ErrorKind::Input,
+            Error::File(_) | Error::Mask(_) | Error::Selection { .. } | Error::Surface { .. } | Error::Probability(_) => ErrorKind::Input,
             Error::Configuration(_) | Error::Flow(_) => ErrorKind::Configuration,
+            Error::Extension(openings::ExtendError::Unknown { .. }) => ErrorKind::Configuration,
             Error::Interrupted | Error::Volume(volume::Error::Cancelled) => ErrorKind::Interrupted,
             Error::Volume(volume::Error::Surface(_)) => ErrorKind::Geometry,
             Error::Volume(_) => ErrorKind::Engine,

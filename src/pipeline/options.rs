@@ -2,12 +2,16 @@
 
 use std::path::Path;
 
+use super::input::Source;
 use crate::config::{self, AutoLength, Case, Labels, Length};
+use crate::centerline::{Branch, Centerlines, Sample};
 use crate::flow::{FlowOptions, Inflow, OutletSplit, Profile, Viscosity, Waveform};
-use crate::geometry::Aabb;
-use crate::mask::{CleaningOptions, Components, LengthUnit, Selection};
+use crate::geometry::{Aabb, Plane, Vector};
+use crate::implicit::Implicit;
+use crate::mask::{CleaningOptions, Components, LengthUnit, Mask, Selection};
 use crate::mesh::PatchKind;
-use crate::openings::{CutOptions, UserOpenings, UserPlane};
+use crate::mesh::regions::Region;
+use crate::openings::{CutOptions, ExtendError, Extension, Opening, UserOpenings, UserPlane};
 use crate::polygonize::PolygonizeOptions;
 use crate::quality::SurfaceOptions;
 use crate::remesh::angle_repair::RepairOptions;
@@ -63,6 +67,12 @@ pub fn method(case: &Case) -> config::Method {
         config::Profile::Paper => config::Method::Mpu,
         config::Profile::Cfd => config::Method::Smooth,
     })
+}
+
+/// Whether the fit is guarded by the mask's boundary from the start.
+pub fn guarded(case: &Case, source: &Source) -> bool {
+    let own = !matches!(source, Source::Mask) && case.reconstruction.method.is_none();
+    !own && method(case) == config::Method::Mpu
 }
 
 pub fn repair(case: &Case) -> RepairOptions {
@@ -139,6 +149,16 @@ pub fn guidance(case: &Case, voxel: f64, radius: f64) -> GuidanceOptions {
     }
 }
 
+/// Parts of the wall with names of their own.
+pub fn wall_patches(case: &Case) -> Vec<(&str, Region)> {
+    let region = |p: &config::WallPatch| match (&p.sphere, &p.plane) {
+        (Some(b), _) => Some(Region::Ball { center: b.center.into(), radius: b.radius }),
+        (None, Some(q)) => Plane::new(q.center.into(), q.normal.into()).map(Region::Beyond),
+        (None, None) => None,
+    };
+    case.surface.patches.iter().filter_map(|p| Some((p.name.as_str(), region(p)?))).collect()
+}
+
 pub fn user_openings(case: &Case) -> UserOpenings {
     let kind = |k: config::OpeningKind| match k {
         config::OpeningKind::Inlet => PatchKind::Inlet,
@@ -157,6 +177,45 @@ pub fn user_openings(case: &Case) -> UserOpenings {
         rename: o.rename.iter().map(|r| (r.from.clone(), r.to.clone())).collect(),
         inlet: o.inlet.clone(),
     }
+}
+
+/// The extensions of these openings.
+pub fn extensions(
+    case: &Case,
+    mask: &Mask,
+    wall: &dyn Implicit,
+    lines: &Centerlines,
+    openings: &[Opening],
+) -> Result<Vec<Extension>, ExtendError> {
+    let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    let all = &case.extensions;
+    let mut out = Vec::new();
+    for o in openings {
+        let own = all.openings.get(&o.name).cloned().unwrap_or_default();
+        let (length, blend) = (own.length.unwrap_or(all.length), own.blend.unwrap_or(all.blend));
+        if length.value == 0.0 {
+            continue;
+        }
+        let radius = crate::openings::equivalent_radius(wall, o)?;
+        let direction = match own.direction.unwrap_or(all.direction) {
+            config::ExtensionDirection::Normal => None,
+            config::ExtensionDirection::Centerline => tangent(lines, o),
+        };
+        let transition = Some(blend.to_mm(voxel, radius)).filter(|b| *b > 0.0);
+        out.push(Extension { opening: o.name.clone(), length: length.to_mm(voxel, radius), transition, direction });
+    }
+    Ok(out)
+}
+
+/// The centerline's tangent at an opening, out of the vessel: the mean over half a radius to either side.
+fn tangent(lines: &Centerlines, o: &Opening) -> Option<Vector> {
+    let from = |s: &Sample| (s.point - o.plane.origin).norm();
+    let nearest = |b: &Branch| b.samples.iter().map(from).fold(f64::INFINITY, f64::min);
+    let branch = lines.branches.iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b)))?;
+    let near = branch.samples.iter().filter(|s| from(s) <= 0.5 * o.radius.max(2.0 * nearest(branch)));
+    let sum: Vector = near.map(|s| s.tangent).sum();
+    let outward = if sum.dot(&o.plane.normal) < 0.0 { -sum } else { sum };
+    outward.try_normalize(0.0)
 }
 
 /// The flow of the case; the waveform is read by the caller.

@@ -1,5 +1,6 @@
 //! From what a run made to files in a folder.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -15,8 +16,9 @@ use crate::io::{fluent, fluent_journal, gmsh, openfoam, ply, simvascular, stl, v
 use crate::mask::{Image, Mask};
 use crate::mesh::faces::FaceList;
 use crate::mesh::{Patch, TriMesh, VolumeMesh};
-use crate::openings::{FoundBy, Opening, OpeningMeasure};
+use crate::openings::{self, FoundBy, Opening, OpeningMeasure};
 use crate::quality::VolumeQuality;
+use crate::quality::fidelity::Fidelity;
 use crate::report::{Report, html};
 
 /// Where the input came from.
@@ -40,12 +42,20 @@ pub struct Provenance {
     pub lumen_voxels: usize,
 }
 
-pub(super) fn provenance(path: &Path, image: &Image, mask: &Mask) -> Provenance {
+pub(super) fn file_name(path: &Path) -> String {
+    path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+pub(super) fn sha256(path: &Path) -> String {
     let bytes = std::fs::read(path).unwrap_or_default();
+    Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect()
+}
+
+pub(super) fn provenance(path: &Path, image: &Image, mask: &Mask) -> Provenance {
     let d = image.grid.direction();
     Provenance {
-        file: path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
-        sha256: Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect(),
+        file: file_name(path),
+        sha256: sha256(path),
         dims: image.grid.dims,
         spacing: image.grid.spacing(),
         origin: image.grid.origin,
@@ -115,19 +125,81 @@ pub(super) fn worst_triangles<'a>(
     worst.iter().filter_map(row).collect()
 }
 
-/// The centerlines of all components.
-pub(super) fn joined_centerlines(parts: &[Part]) -> Centerlines {
+/// The centerlines of all components, given in their order.
+pub(super) fn joined_centerlines<'a>(components: impl Iterator<Item = &'a Centerlines>) -> Centerlines {
     let mut all = Centerlines::default();
-    for (component, part) in parts.iter().enumerate() {
+    for (component, lines) in components.enumerate() {
         let base = all.nodes.len() as u32;
-        all.nodes.extend_from_slice(&part.centerlines.nodes);
-        all.branches.extend(part.centerlines.branches.iter().cloned().map(|mut b| {
+        all.nodes.extend_from_slice(&lines.nodes);
+        all.branches.extend(lines.branches.iter().cloned().map(|mut b| {
             b.nodes = b.nodes.map(|n| n + base);
             b.component = component as u32;
             b
         }));
     }
     all
+}
+
+/// Whether a point of the surface belongs to an extension.
+fn in_extension(parts: &[Part], p: &Point) -> bool {
+    parts.iter().flat_map(|p| &p.extensions).any(|t| t.holds(p))
+}
+
+/// The surface with the walls of extensions as a patch of their own.
+pub(super) fn without_extensions<'a>(surface: &'a TriMesh, parts: &[Part]) -> Cow<'a, TriMesh> {
+    if parts.iter().all(|p| p.extensions.is_empty()) {
+        return Cow::Borrowed(surface);
+    }
+    let mut vessel = surface.clone();
+    for t in 0..surface.triangles.len() {
+        let [a, b, c] = surface.corners(t);
+        // A triangle astride the old opening belongs to neither side.
+        if surface.patch[t] == crate::mesh::WALL && [a, b, c].iter().any(|p| in_extension(parts, p)) {
+            vessel.patch[t] = u32::MAX;
+        }
+    }
+    Cow::Owned(vessel)
+}
+
+/// Takes the extensions out of what was measured: their volume, and the deviation of their vertices, which becomes 0.
+pub(super) fn leave_out_extensions(fidelity: &mut Fidelity, surface: &TriMesh, parts: &[Part]) {
+    let volume: f64 = parts.iter().flat_map(|p| &p.extensions).map(openings::Tube::volume).sum();
+    if volume > 0.0 {
+        fidelity.volume_ratio -= volume / fidelity.kept_mask_volume;
+        for (d, p) in fidelity.deviation.iter_mut().zip(&surface.points) {
+            if in_extension(parts, p) {
+                *d = 0.0;
+            }
+        }
+    }
+}
+
+/// An extension in the report.
+#[derive(Debug, Clone, Serialize)]
+pub struct ExtensionRow {
+    /// Name of the opening.
+    opening: String,
+    /// Length along its axis, mm.
+    length: f64,
+    /// Middle of the section that it starts from, mm.
+    from: Point,
+    /// Area of the section that it carries, mm².
+    section_area: f64,
+    /// Area of the opening at its end, mm²: less than the section's by what a polygon lacks of a circle.
+    opening_area: f64,
+}
+
+pub(super) fn extension_rows(parts: &[Part], measures: &[OpeningMeasure]) -> Vec<ExtensionRow> {
+    let tubes = parts.iter().flat_map(|p| &p.extensions);
+    tubes
+        .map(|t| ExtensionRow {
+            opening: t.name().into(),
+            length: t.length(),
+            from: t.old_end().origin,
+            section_area: t.area(),
+            opening_area: measures.iter().find(|m| m.name == t.name()).map_or(0.0, |m| m.area),
+        })
+        .collect()
 }
 
 /// The centerlines without their run through the padding beyond the picture.

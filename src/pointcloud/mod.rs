@@ -15,7 +15,7 @@ mod surface;
 
 pub use options::{Concavities, Normals, PointCloudOptions, PointPlacement, SlotEnds, ThinStructures};
 pub use rules::{Rule, Sites, sites};
-pub use surface::{SurfaceError, SurfaceOptions, check_surface, from_surface, rasterize};
+pub use surface::{SurfaceError, SurfaceOptions, check_surface, from_surface, rasterize, resolving_spacing};
 
 use rayon::prelude::*;
 use serde::Serialize;

@@ -278,6 +278,21 @@ pub fn measure(
     })
 }
 
+/// Distances of the wall from another surface, mm, at points spread evenly over the wall.
+///
+/// # Errors
+/// [`FidelityError::NoWall`] where no triangle of the wall has an area.
+pub fn to_surface(surface: &TriMesh, other: &TriMesh, options: &FidelityOptions) -> Result<Distances, FidelityError> {
+    let wall: Vec<u32> = (0..surface.triangles.len() as u32).filter(|&t| surface.patch[t as usize] == WALL).collect();
+    let on_wall = spread(surface, &wall, options.samples);
+    if on_wall.is_empty() {
+        return Err(FidelityError::NoWall(surface.triangles.len()));
+    }
+    let mut d: Vec<f64> = TriangleBvh::new(other).closest_many(&on_wall).iter().map(|c| c.distance).collect();
+    d.par_sort_unstable_by(f64::total_cmp);
+    Ok(Distances::of(&d, d[d.len() - 1]))
+}
+
 /// Whether a cut took `p` away: on its far side, or within a voxel diagonal of the plane, and not far along.
 fn beyond(cut: &Cut, p: &Point, unit: f64, reach: f64) -> bool {
     cut.plane.signed_distance(p) > -unit && (p - cut.plane.origin).norm() < reach * cut.radius

@@ -1,0 +1,158 @@
+//! Other ways in and out of a case: a commented case to start from, surfaces, probability maps, flow extensions.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use lumenmesh::geometry::Vector;
+use lumenmesh::implicit::Implicit;
+use serde_json::Value;
+
+fn lumenmesh(args: &[&str], dir: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_lumenmesh")).args(args).current_dir(dir).output().expect("the program starts")
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+fn done(args: &[&str], dir: &Path) -> String {
+    let out = lumenmesh(args, dir);
+    let text = format!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+    assert_eq!(out.status.code(), Some(0), "{args:?}: {text}");
+    text
+}
+
+fn refused(args: &[&str], dir: &Path, code: i32, words: &[&str]) {
+    let before = fs::read_dir(dir).expect("list").count();
+    let out = lumenmesh(args, dir);
+    let message = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(code), "{message}");
+    for w in words {
+        assert!(message.contains(w), "`{w}` is missing in: {message}");
+    }
+    assert_eq!(fs::read_dir(dir).expect("list").count(), before, "something was left half-written: {message}");
+}
+
+fn report(dir: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(dir.join("report.json")).expect("report.json")).expect("JSON")
+}
+
+fn number(v: &Value) -> f64 {
+    v.as_f64().unwrap_or_else(|| panic!("{v} is no number"))
+}
+
+fn point(v: &Value) -> Vector {
+    Vector::new(number(&v[0]), number(&v[1]), number(&v[2]))
+}
+
+fn same_openings(a: &Value, b: &Value, distance: f64) {
+    let (a, b) = (a["openings"].as_array().expect("openings"), b["openings"].as_array().expect("openings"));
+    assert_eq!(a.len(), b.len());
+    for (o, p) in a.iter().zip(b) {
+        assert_eq!((&o["name"], &o["id"], &o["kind"]), (&p["name"], &p["id"], &p["kind"]));
+        assert!((point(&o["center"]) - point(&p["center"])).norm() < distance, "{o} {p}");
+        assert!((number(&o["area"]) / number(&p["area"]) - 1.0).abs() < 0.01, "{o} {p}");
+    }
+}
+
+#[test]
+fn a_case_made_by_init_and_run_unedited_has_the_openings_that_a_run_finds_by_itself() {
+    let dir = folder();
+    let dir = dir.path();
+    done(&["phantom", "bifurcation", "-o", "case"], dir);
+    done(&["init", "case/mask.nrrd", "-o", "own.yaml", "--set", "surface.scale=1.5"], dir);
+    let text = fs::read_to_string(dir.join("own.yaml")).expect("own.yaml");
+    for word in ["mask: case/mask.nrrd", "# image", "name: outlet_2", "confidence", "scale: 1.5", "# extensions:"] {
+        assert!(text.contains(word), "`{word}` is missing in:\n{text}");
+    }
+    done(&["run", "own.yaml", "-o", "planes", "--stop-after", "surface"], dir);
+    done(&["run", "case/case.yaml", "-o", "found", "--stop-after", "surface", "--set", "surface.scale=1.5"], dir);
+    same_openings(&report(&dir.join("planes")), &report(&dir.join("found")), 0.01);
+    refused(&["init", "case/mask.nrrd", "-o", "own.yaml"], dir, 2, &["own.yaml", "--force"]);
+    assert_eq!(fs::read_to_string(dir.join("own.yaml")).expect("kept"), text);
+}
+
+#[test]
+fn extensions_move_the_openings_out_and_keep_area_and_quality() {
+    let dir = folder();
+    let dir = dir.path();
+    done(&["phantom", "bend", "-o", "case"], dir);
+    let common = ["run", "case/case.yaml", "--stop-after", "surface", "--set", "surface.scale=1.5"];
+    done(&[&common[..], &["-o", "plain"]].concat(), dir);
+    let long = ["-o", "long", "--set", "extensions.length=3 D", "--set", "extensions.blend=1 D", "--set", "extensions.openings={outlet_1: {length: 8 mm}}"];
+    done(&[&common[..], &long].concat(), dir);
+    let (plain, long) = (report(&dir.join("plain")), report(&dir.join("long")));
+    assert!(number(&long["surface"]["s_max"]) <= 0.45, "{}", long["surface"]["s_max"]);
+    for (n, e) in long["extensions"].as_array().expect("extensions").iter().enumerate() {
+        let (before, after) = (&plain["openings"][n], &long["openings"][n]);
+        assert!((number(&after["area"]) / number(&before["area"]) - 1.0).abs() < 0.005, "{before} {after}");
+        let moved = point(&after["center"]) - point(&before["center"]);
+        let diameter = (4.0 * number(&e["section_area"]) / std::f64::consts::PI).sqrt();
+        let wanted = if n == 0 { 3.0 * diameter } else { 8.0 };
+        assert!((moved.norm() / wanted - 1.0).abs() < 0.02, "{moved} for {wanted}");
+        assert!(moved.normalize().dot(&point(&before["normal"])) > 0.99);
+    }
+    refused(&["run", "case/case.yaml", "-o", "x", "--set", "extensions.openings={outlet_7: {length: 8 mm}}"], dir, 2, &["outlet_7", "outlet_1"]);
+}
+
+#[test]
+fn a_surface_is_meshed_anew_closed_or_open_at_its_ends() {
+    let dir = folder();
+    let dir = dir.path();
+    done(&["phantom", "bend", "-o", "case"], dir);
+    done(&["run", "case/case.yaml", "-o", "first", "--stop-after", "surface"], dir);
+    let first = report(&dir.join("first"));
+    // The wall alone is open at both ends.
+    for (file, out, holes) in [("first/surface/lumen.stl", "closed", 0), ("first/surface/wall.stl", "open", 2)] {
+        done(&["mesh", file, "-o", out, "--stop-after", "surface", "--set", "surface.scale=1.5"], dir);
+        let r = report(&dir.join(out));
+        assert_eq!(r["input"]["holes_closed"].as_array().expect("holes").len(), holes);
+        assert!(number(&r["surface"]["s_max"]) <= 0.45, "{}", r["surface"]["s_max"]);
+        assert_eq!(r["openings"].as_array().expect("openings").len(), 2);
+        let diagonal = number(&first["fidelity"]["voxel_diagonal"]);
+        let off = number(&r["fidelity"]["to_input_surface"]["median"]);
+        assert!(off < 0.05 * diagonal, "{off} mm from the surface given");
+    }
+    let soup = "solid soup\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\nvertex 2 2 3\nvertex 1 3 3\nendloop\nendfacet\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\nvertex 2 2 3\nvertex 1 2 9\nendloop\nendfacet\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\nvertex 2 2 3\nvertex 1 9 9\nendloop\nendfacet\nendsolid soup\n";
+    fs::write(dir.join("soup.stl"), soup).expect("write");
+    refused(&["mesh", "soup.stl", "-o", "x"], dir, 3, &["soup.stl", "1.0000, 2.0000, 3.0000"]);
+}
+
+#[test]
+fn a_probability_map_tells_the_wall_better_than_its_mask() {
+    let dir = folder();
+    let dir = dir.path();
+    let phantom = lumenmesh::phantom::build("bend").expect("built in");
+    let mask = phantom.mask();
+    let truth = &phantom.truth;
+    // A soft edge a voxel wide.
+    let grid = &mask.grid;
+    let edge = grid.spacing()[0];
+    let values = (0..grid.len()).map(|n| {
+        let p = grid.to_world(Vector::from(grid.voxel(n).map(|c| c as f64)));
+        (1.0 / (1.0 + (truth.value(&p) / (0.5 * edge)).exp())) as f32
+    });
+    let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
+    let axis = |a: usize| format!("({},{},{})", grid.axes[(0, a)], grid.axes[(1, a)], grid.axes[(2, a)]);
+    let [nx, ny, nz] = grid.dims;
+    let header = format!(
+        "NRRD0004\ntype: float\ndimension: 3\nspace: left-posterior-superior\nsizes: {nx} {ny} {nz}\nspace directions: {} {} {}\nspace origin: ({},{},{})\nendian: little\nencoding: raw\n\n",
+        axis(0), axis(1), axis(2), grid.origin.x, grid.origin.y, grid.origin.z
+    );
+    fs::write(dir.join("map.nrrd"), [header.into_bytes(), bytes].concat()).expect("write");
+    fs::write(dir.join("c.yaml"), "input: {probability: map.nrrd}\nsurface: {scale: 0.7}\n").expect("write");
+    done(&["run", "c.yaml", "-o", "out", "--stop-after", "surface"], dir);
+    let r = report(&dir.join("out"));
+    assert_eq!(r["openings"].as_array().expect("openings").len(), 2);
+    let lumenmesh::io::mesh::AnyMesh::Surface(mesh) = lumenmesh::io::mesh::read(&dir.join("out/surface/lumen.vtp")).expect("reads") else {
+        panic!("a surface")
+    };
+    let wall = (0..mesh.triangles.len()).filter(|&t| mesh.patch[t] == lumenmesh::mesh::WALL).flat_map(|t| mesh.triangles[t]);
+    let mut off: Vec<f64> = wall.map(|v| truth.value(&mesh.points[v as usize]).abs()).collect();
+    off.sort_by(f64::total_cmp);
+    let median = off[off.len() / 2] / grid.voxel_diagonal();
+    assert!(median < 0.01, "{median} voxel diagonals from the truth");
+    fs::write(dir.join("no.yaml"), "input: {probability: map.nrrd, isovalue: 1.5}\n").expect("write");
+    refused(&["run", "no.yaml", "-o", "x"], dir, 3, &["1.5"]);
+}
