@@ -24,7 +24,7 @@ pub fn run(args: &InitArgs) -> Result<u8, Failure> {
         return Err(Failure::usage(format!("{}: exists; it is kept: choose another file with -o, or replace it with --force", file.display())));
     }
     let case = super::run::case_for(&args.input, &args.set)?;
-    console::catch_interrupt();
+    console::catch_interrupt(console::PATIENCE);
     let progress = Console::new(false, args.verbose);
     let worker = std::env::current_exe().map_err(|e| Failure::new(exit::ENGINE, e))?;
     let context = pipeline::Context { stop_after: Stage::Reconstruction, progress: &progress, cancel: &console::CANCELLED, worker };

@@ -3,7 +3,8 @@
 //! Every free end of the centerline is either an opening or a blind end with its reason.
 //!
 //! *Leaving the image*: the free end lies at or beyond the border of the picture and lumen voxels stand on that
-//! border. The cut is square to the axis at the first place whose whole section lies inside the picture.
+//! border. The cut is square to the axis at the first place whose whole section lies inside the picture; along the
+//! picture's face where several vessels leave through one region of it, or a square cut would not take all of it off.
 //!
 //! *A blunt end* inside the image is cut at the first place, from half a radius and a voxel behind a flat tip and nine
 //! tenths of a radius behind a dome on, at which the section has settled: its area is no longer growing, and it is no
@@ -20,12 +21,13 @@
 
 use serde::Serialize;
 
-use super::axis::axis;
+use super::border::{Region, disc_inside, in_image};
 use super::names::{self, Sized};
 use super::section::{Section, section};
+use super::walk::Walk;
 use super::{FoundBy, Opening};
-use crate::centerline::{Branch, Centerlines, EndKind};
-use crate::geometry::{Plane, Point, Vector};
+use crate::centerline::{Centerlines, EndKind};
+use crate::geometry::{Plane, Point};
 use crate::mask::Mask;
 use crate::mesh::PatchKind;
 
@@ -127,21 +129,30 @@ pub struct DetectReport {
 pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec<Opening>, DetectReport) {
     let mut report = DetectReport::default();
     let mut found: Vec<(Sized, FoundEnd)> = Vec::new();
+    let mut regions: Vec<(Region, Vec<Leaving>)> = Vec::new();
     for (n, branch) in lines.branches.iter().enumerate() {
         for end in 0..2 {
             if branch.ends[end] != EndKind::Free || branch.samples.len() < 2 {
                 continue;
             }
             let walk = Walk::new(branch, end);
-            match one(mask, lines, n, &walk, options, &mut report.warnings) {
-                Ok(f) => found.push(f),
-                Err(reason) => {
+            let region = Region::at(mask, &walk.point[0]);
+            match (one(mask, lines, n, &walk, options, region.is_some()), region) {
+                (Ok(f), Some(region)) => match regions.iter_mut().find(|r| r.0 == region) {
+                    Some((_, ends)) => ends.push(f),
+                    None => regions.push((region, vec![f])),
+                },
+                (Ok(f), None) => found.push(f.settled(&mut report.warnings)),
+                (Err(reason), _) => {
                     let (length, radius) = walk.outside();
                     let component = branch.component;
                     report.blind.push(BlindEnd { tip: walk.point[0], reason, radius, length, component });
                 }
             }
         }
+    }
+    for (region, ends) in regions {
+        found.push(leave(mask, &region, ends, &mut report.warnings));
     }
     let (mut sized, tips): (Vec<Sized>, Vec<FoundEnd>) = found.into_iter().unzip();
     names::choose_inlets(&mut sized);
@@ -167,109 +178,14 @@ pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec
     (openings, report)
 }
 
-/// A branch seen from its free end.
-pub(super) struct Walk {
-    pub point: Vec<Point>,
-    /// Unit tangents towards the tip.
-    pub outward: Vec<Vector>,
-    pub radius: Vec<f64>,
-    /// Distance from the tip along the axis.
-    pub arc: Vec<f64>,
-    /// The other end is a junction with this radius.
-    pub junction: Option<f64>,
-}
-
-impl Walk {
-    pub fn new(branch: &Branch, end: usize) -> Walk {
-        let mut s = branch.samples.clone();
-        let sign = if end == 0 { -1.0 } else { 1.0 };
-        if end == 1 {
-            s.reverse();
-        }
-        let total = branch.length();
-        let arc = s.iter().map(|s| if end == 0 { s.arc_length } else { total - s.arc_length }).collect();
-        let radius: Vec<f64> = s.iter().map(|s| s.radius).collect();
-        let junction = (branch.ends[1 - end] == EndKind::Junction).then(|| radius[radius.len() - 1]);
-        Walk { point: s.iter().map(|s| s.point).collect(), outward: s.iter().map(|s| s.tangent * sign).collect(), radius, arc, junction }
-    }
-
-    fn total(&self) -> f64 {
-        self.arc[self.arc.len() - 1]
-    }
-
-    /// Samples outside the junction's sphere.
-    fn free(&self) -> usize {
-        let reach = self.total() - self.junction.unwrap_or(0.0);
-        self.arc.partition_point(|&t| t < reach).max(1)
-    }
-
-    /// Length outside the junction's sphere and the largest radius there.
-    fn outside(&self) -> (f64, f64) {
-        let n = self.free();
-        let length = (self.total() - self.junction.unwrap_or(0.0)).max(0.0);
-        (length, self.radius[..n].iter().fold(0.0, |a, &b| a.max(b)))
-    }
-
-    /// Position, outward direction and radius at a distance from the tip; the direction is averaged over
-    /// half a radius towards the tip and one radius away from it.
-    fn at(&self, t: f64, keep: impl Fn(&Point) -> bool) -> (Point, Vector, f64) {
-        let i = self.arc.partition_point(|&a| a < t).clamp(1, self.arc.len() - 1);
-        let f = ((t - self.arc[i - 1]) / (self.arc[i] - self.arc[i - 1])).clamp(0.0, 1.0);
-        let p = self.point[i - 1] + (self.point[i] - self.point[i - 1]) * f;
-        let r = self.radius[i - 1] + (self.radius[i] - self.radius[i - 1]) * f;
-        let own = self.outward[i - 1] * (1.0 - f) + self.outward[i] * f;
-        let mut d = own * 1e-6;
-        for j in 0..self.free() {
-            let x = (self.arc[j] - t) / r;
-            let w = if x < 0.0 { 1.0 + x / 0.5 } else { 1.0 - x / 1.0 };
-            if w > 0.0 && keep(&self.point[j]) {
-                d += self.outward[j] * w;
-            }
-        }
-        (p, d.try_normalize(0.0).unwrap_or(own), r)
-    }
-}
-
-impl Walk {
-    /// Position, direction square to the sections, and radius at a distance from the tip.
-    ///
-    /// Near a tip the centerline may turn aside by more than a right angle's half: its direction there, a radius and
-    /// two further in, and the way from there are each made square; the one with the smallest section half a radius
-    /// further in, away from the tip, is the vessel's.
-    fn square(&self, mask: &Mask, t: f64, inwards: f64, border: bool) -> (Point, Vector, f64) {
-        let usable = |p: &Point| !border || in_image(mask, p);
-        let whole = |plane: &Plane, reach: f64| !border || disc_inside(mask, plane, reach);
-        let (p, own, r) = self.at(t, usable);
-        let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
-        let far = t + (2.0 * r).min(inwards);
-        let further: [(Point, Vector, f64); 2] = [0.5, 1.0].map(|f| self.at(t + f * (far - t), usable));
-        let mut guesses = vec![own, further[0].1, further[1].1];
-        guesses.extend((p - further[1].0).try_normalize(0.1 * r));
-        let mut best: Option<(f64, Point, Vector)> = None;
-        for guess in guesses {
-            if best.as_ref().is_some_and(|b| b.2.dot(&guess) > 0.98) {
-                continue;
-            }
-            let (q, d) = axis(mask, &p, &guess, r, inwards, whole);
-            let inside = Plane::new(q - d * (0.5 * r).min(inwards), d);
-            let area = inside.and_then(|plane| section(mask, &plane, 4.0 * r + 2.0 * voxel)).map_or(f64::INFINITY, |s| s.area);
-            if best.as_ref().is_none_or(|b| area < 0.97 * b.0) {
-                best = Some((area, q, d));
-            }
-        }
-        best.map_or((p, own, r), |b| (b.1, b.2, r))
-    }
-}
-
 fn one(
     mask: &Mask,
     lines: &Centerlines,
     branch: usize,
     walk: &Walk,
     options: &DetectOptions,
-    warnings: &mut Vec<String>,
-) -> Result<(Sized, FoundEnd), BlindReason> {
-    let border = leaves_image(mask, &walk.point[0]);
+    border: bool,
+) -> Result<Leaving, BlindReason> {
     let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let flat = flatness(mask, walk, voxel);
     if !border {
@@ -325,16 +241,7 @@ fn one(
     }
     let Some((badness, from_tip, plane, radius, s)) = best else { return Err(BlindReason::NoSection) };
     let diameters = length / (2.0 * radius);
-    let mut confidence = if border { 1.0 } else { (0.6 + 0.2 * f64::from(flat) + 0.05 * (diameters - 1.0)).clamp(0.5, 0.95) };
-    if badness > 1.0 {
-        confidence *= 0.7;
-        warnings.push(format!(
-            "the section at {:.3?} is irregular ({:.2} times its inscribed circle, aspect {:.1}): check this opening",
-            plane.origin.coords.as_slice(),
-            s.area / (std::f64::consts::PI * radius * radius),
-            s.aspect
-        ));
-    }
+    let confidence = if border { 1.0 } else { (0.6 + 0.2 * f64::from(flat) + 0.05 * (diameters - 1.0)).clamp(0.5, 0.95) };
     let opening = Opening {
         id: 0,
         name: String::new(),
@@ -346,7 +253,61 @@ fn one(
         component: lines.branches[branch].component,
     };
     let end = FoundEnd { name: String::new(), center: plane.origin, tip: walk.point[0], from_tip, area: s.area };
-    Ok((Sized { opening, area: s.area, fixed: false }, end))
+    Ok(Leaving { sized: Sized { opening, area: s.area, fixed: false }, end, badness, section: s })
+}
+
+/// An end with its place, before it is known how good that is.
+struct Leaving {
+    sized: Sized,
+    end: FoundEnd,
+    /// Above 1 the section is irregular.
+    badness: f64,
+    section: Section,
+}
+
+impl Leaving {
+    /// The opening there; an irregular section costs confidence and is told.
+    fn settled(mut self, warnings: &mut Vec<String>) -> (Sized, FoundEnd) {
+        let o = &mut self.sized.opening;
+        if self.badness > 1.0 {
+            o.confidence *= 0.7;
+            warnings.push(format!(
+                "the section at {:.3?} is irregular ({:.2} times its inscribed circle, aspect {:.1}): check this opening",
+                o.plane.origin.coords.as_slice(),
+                self.section.area / (std::f64::consts::PI * o.radius * o.radius),
+                self.section.aspect
+            ));
+        }
+        (self.sized, self.end)
+    }
+}
+
+/// The opening through which a region of the picture's border is left.
+///
+/// Square to the axis where one end leaves through it with a regular section and the cut takes off all of the region;
+/// otherwise along the face, so that nothing that leaves the picture stays.
+fn leave(mask: &Mask, region: &Region, mut ends: Vec<Leaving>, warnings: &mut Vec<String>) -> (Sized, FoundEnd) {
+    ends.sort_by(|a, b| b.sized.area.total_cmp(&a.sized.area));
+    let several = ends.len() > 1;
+    let mut first = ends.swap_remove(0);
+    let square = !several && first.badness <= 1.0 && region.beyond(mask, &first.sized.opening.plane);
+    let face = if square { None } else { region.plane(mask, &first.end.tip) };
+    let Some(plane) = face else { return first.settled(warnings) };
+    let area = region.area(mask);
+    let o = &mut first.sized.opening;
+    o.plane = plane;
+    o.radius = (area / std::f64::consts::PI).sqrt();
+    o.confidence = 0.7;
+    first.sized.area = area;
+    first.end.center = plane.origin;
+    first.end.from_tip = 0.0;
+    first.end.area = area;
+    warnings.push(format!(
+        "the lumen leaves the image at {:.3?} through an area of {area:.2} mm2 that no plane square to one axis takes off{}: it is cut along the image's face; check this opening",
+        plane.origin.coords.as_slice(),
+        if several { " (several vessels meet there)" } else { "" }
+    ));
+    (first.sized, first.end)
 }
 
 /// Why this end is blind, if it is.
@@ -418,43 +379,4 @@ fn flatness(mask: &Mask, walk: &Walk, voxel: f64) -> bool {
     // A half ball reaches 80 % of its section at 0.55 radii, a blunt end at once but for voxel stairs.
     let early = 0.2 * r + 0.75 * voxel;
     early < 0.45 * r && area(early) >= 0.8 * area(1.2 * r)
-}
-
-/// Whether the tip lies at or beyond the picture's border where lumen stands on that border.
-fn leaves_image(mask: &Mask, tip: &Point) -> bool {
-    let x = mask.grid.to_index(tip);
-    (0..3).any(|a| {
-        let [low, high] = mask.image[a];
-        let face = if x[a] <= low as f64 + 1.0 {
-            low
-        } else if x[a] >= high as f64 - 1.0 {
-            high
-        } else {
-            return false;
-        };
-        let mut v = [0, 1, 2].map(|b| (x[b].round() as i64).clamp(mask.image[b][0], mask.image[b][1]));
-        v[a] = face;
-        (-1..=1).any(|p| {
-            (-1..=1).any(|q| {
-                let mut w = v;
-                w[(a + 1) % 3] += p;
-                w[(a + 2) % 3] += q;
-                mask.at(w[0], w[1], w[2])
-            })
-        })
-    })
-}
-
-fn in_image(mask: &Mask, p: &Point) -> bool {
-    let x = mask.grid.to_index(p);
-    (0..3).all(|a| x[a] >= mask.image[a][0] as f64 && x[a] <= mask.image[a][1] as f64)
-}
-
-/// Whether the disc lies between the centres of the picture's outermost voxels.
-fn disc_inside(mask: &Mask, plane: &Plane, radius: f64) -> bool {
-    let (u, v) = plane.basis();
-    (0..16).all(|n| {
-        let (s, c) = (std::f64::consts::TAU * f64::from(n) / 16.0).sin_cos();
-        in_image(mask, &(plane.origin + (u * c + v * s) * radius))
-    })
 }

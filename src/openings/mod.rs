@@ -1,6 +1,7 @@
 //! Inlets and outlets: detection, plane cuts, caps, flow extensions.
 
 mod axis;
+mod border;
 mod cap;
 mod cut;
 mod detect;
@@ -9,6 +10,7 @@ mod names;
 mod rims;
 mod section;
 mod user;
+mod walk;
 
 pub use cut::{CutOptions, CutSummary, OpeningMeasure, cut, measure};
 pub use rims::{RimOptions, RimSummary};

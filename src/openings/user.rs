@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::border::{Region, along_face};
 use super::names::{self, Sized};
 use super::section::section;
 use super::{FoundBy, Opening};
@@ -210,16 +211,20 @@ fn resolve(
     });
     let crossing = s.min_by(|a, b| a.0.total_cmp(&b.0));
     let sample = &branch.samples[i];
-    if distance > 0.5 * sample.radius + voxel {
+    if distance > 0.5 * sample.radius + voxel && !along_face(mask, &plane) {
         return Err(misses(distance, sample.point.into()));
     }
     let (at, origin) = match crossing {
+        // There the centre itself is meant: the axis may leave the picture elsewhere.
+        _ if along_face(mask, &plane) => (i, user.center),
         Some((d, n, p)) if d < 3.0 * sample.radius => (n, p),
         _ => (i, plane.project(&sample.point)),
     };
     let sample = &branch.samples[at];
     let cosine = plane.normal.dot(&sample.tangent);
-    if cosine.abs() < 0.5 {
+    // A plane along the image's face opens whatever leaves there.
+    let face = along_face(mask, &plane);
+    if cosine.abs() < 0.5 && !face {
         let axis = if cosine < 0.0 { -sample.tangent } else { sample.tangent };
         return Err(UserError::Grazes { name, center, angle: cosine.abs().acos().to_degrees(), axis: axis.into() });
     }
@@ -228,9 +233,11 @@ fn resolve(
         return Err(misses(distance.max(0.0), sample.point.into()));
     };
     let ratio = cut.area * cosine.abs() / (std::f64::consts::PI * sample.radius * sample.radius);
-    if cut.clipped || ratio > 4.0 {
+    if (cut.clipped || ratio > 4.0) && !face {
         return Err(UserError::Sac { name, center, ratio });
     }
+    let leaving = if face { Region::at(mask, &plane.origin) } else { None };
+    let radius = leaving.map_or(sample.radius, |r| (r.area(mask) / std::f64::consts::PI).sqrt());
     // What lies beyond: from the plane to the branch's end on the normal's side.
     let end = usize::from(cosine > 0.0);
     let beyond = if end == 1 { branch.length() - sample.arc_length } else { sample.arc_length };
@@ -238,7 +245,7 @@ fn resolve(
     let left = branch.length() - beyond;
     let others = whole - branch.length();
     let lone_tip = branch.ends[1 - end] == EndKind::Free && left < 2.0 * sample.radius;
-    if lone_tip || (branch.ends[end] == EndKind::Junction && branch.ends[1 - end] == EndKind::Free && beyond + others > left) {
+    if !face && (lone_tip || (branch.ends[end] == EndKind::Junction && branch.ends[1 - end] == EndKind::Free && beyond + others > left)) {
         return Err(UserError::CutsEverything { name, center, share: 100.0 * (beyond + others) / whole });
     }
     let kind = user.kind.unwrap_or(if user.name.starts_with("inlet") { PatchKind::Inlet } else { PatchKind::Outlet });
@@ -254,7 +261,7 @@ fn resolve(
         name: user.name.clone(),
         kind,
         plane,
-        radius: sample.radius,
+        radius,
         found_by: FoundBy::User,
         confidence: 1.0,
         component: branch.component,
