@@ -398,7 +398,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
         extensions = extended.tubes().to_vec();
         (implicit, openings, polygons) = (Box::new(extended), moved, surface);
     }
-    let size = clock.run("guidance field", || guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| s.why.clone())?;
+    let size = clock.run("guidance field", || guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| format!("median {:.3} mm", s.median))?;
     context.progress.explain(&size.1.why);
     report.put_in("remeshing", "guidance_field", &size.1);
     let mut part = Part {

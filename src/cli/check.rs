@@ -32,7 +32,7 @@ pub fn run(args: &CheckArgs) -> Result<u8, Failure> {
             }
             for g in &report.gates {
                 let verdict = if g.passed { "met     " } else if g.hard { "MISSED  " } else { "advisory" };
-                println!("  {verdict} {}: {} (limit {})", g.name, g.value, g.limit);
+                println!("  {verdict} {}: {} (limit {})", g.name, super::run::rounded(g.value), g.limit);
             }
         }
         missed |= report.status == Status::GateMissed;

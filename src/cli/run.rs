@@ -72,6 +72,16 @@ fn number(report: &Report, section: &str, key: &str) -> String {
     }
 }
 
+/// Four digits, and none too many.
+pub fn rounded(value: f64) -> String {
+    if value == 0.0 || value.abs() >= 1e-3 {
+        let text = format!("{value:.4}");
+        text.trim_end_matches('0').trim_end_matches('.').to_string()
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
 /// The lines a person reads last.
 fn summary(report: &Report, output: &Path) {
     for w in &report.warnings {
@@ -94,7 +104,7 @@ fn summary(report: &Report, output: &Path) {
         );
     }
     for g in report.gates.iter().filter(|g| !g.passed) {
-        println!("{} {}: {} (limit {})", if g.hard { "MISSED  " } else { "advisory" }, g.name, g.value, g.limit);
+        println!("{} {}: {} (limit {})", if g.hard { "MISSED  " } else { "advisory" }, g.name, rounded(g.value), g.limit);
     }
     let verdict = if report.status == Status::Passed { "all hard gates met" } else { "A HARD GATE IS MISSED" };
     println!("results  {} ({verdict}); open {}", output.display(), output.join("report.html").display());

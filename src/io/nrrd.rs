@@ -29,7 +29,12 @@ pub fn read(path: &Path) -> Result<Image, Error> {
         None => {
             let mut at = header_len;
             for _ in 0..header.line_skip {
-                at += file.skip_until(b'\n').map_err(|e| Error::read(path, e))? as u64;
+                let n = file.skip_until(b'\n').map_err(|e| Error::read(path, e))?;
+                // The file may end long before the number of lines that its header announces.
+                if n == 0 {
+                    break;
+                }
+                at += n as u64;
             }
             let mut layout = header.layout;
             if header.from_end {

@@ -79,17 +79,22 @@ pub(super) fn joined_surface(parts: &[Part]) -> TriMesh {
     all
 }
 
+/// Whether each vertex belongs to a triangle of the wall.
+fn on_wall(surface: &TriMesh) -> Vec<bool> {
+    let mut wall = vec![false; surface.points.len()];
+    for (t, patch) in surface.triangles.iter().zip(&surface.patch) {
+        if *patch == crate::mesh::WALL {
+            t.iter().for_each(|v| wall[*v as usize] = true);
+        }
+    }
+    wall
+}
+
 /// Gaussian curvature of the implicit wall at each vertex of the joined surface, 1/mm²; 0 inside caps, which are flat.
 pub(super) fn gaussian_curvature(parts: &[Part]) -> Vec<f64> {
     let of_part = |part: &Part| {
-        let mut on_wall = vec![false; part.surface.points.len()];
-        for (t, patch) in part.surface.triangles.iter().zip(&part.surface.patch) {
-            if *patch == crate::mesh::WALL {
-                t.iter().for_each(|v| on_wall[*v as usize] = true);
-            }
-        }
         let mut curvature = crate::quality::curvature::of_implicit(&part.surface.points, part.implicit.as_ref()).gaussian;
-        curvature.iter_mut().zip(on_wall).filter(|(_, wall)| !wall).for_each(|(k, _)| *k = 0.0);
+        curvature.iter_mut().zip(on_wall(&part.surface)).filter(|(_, wall)| !wall).for_each(|(k, _)| *k = 0.0);
         curvature
     };
     parts.iter().flat_map(of_part).collect()
@@ -285,7 +290,7 @@ pub fn write(outcome: &Outcome, case: &Case, dir: &Path, context: &Context) -> R
         let scene = html::Scene {
             surface,
             skewness: &outcome.surface_skewness,
-            deviation: outcome.deviation.clone(),
+            deviation: on_wall(surface).iter().zip(&outcome.deviation).map(|(wall, d)| if *wall { *d } else { f64::NAN }).collect(),
             curvature: &outcome.curvature,
             centerlines: segments(&outcome.centerlines),
             volume: outcome.volume.as_ref().map(|v| (v, outcome.cell_skewness.as_slice())),

@@ -25,7 +25,7 @@ pub struct Scene<'a> {
     pub surface: &'a TriMesh,
     /// Equi-angle skewness of each triangle.
     pub skewness: &'a [f64],
-    /// Deviation of each vertex from the mask, voxel diagonals; may be empty.
+    /// Deviation of each vertex from the mask, voxel diagonals, NaN inside caps; may be empty.
     pub deviation: Vec<f64>,
     /// Gaussian curvature at each vertex, 1/mm²; may be empty.
     pub curvature: &'a [f64],
@@ -87,7 +87,9 @@ fn group(i: u64) -> String {
 
 fn short(f: f64) -> String {
     let a = f.abs();
-    if a != 0.0 && !(1e-3..1e6).contains(&a) {
+    if f.fract() == 0.0 && a < 1e6 {
+        format!("{f}")
+    } else if a != 0.0 && !(1e-3..1e6).contains(&a) {
         format!("{f:.2e}")
     } else if a >= 100.0 {
         format!("{f:.1}")
@@ -102,7 +104,7 @@ fn head(out: &mut String, report: &Report, json: &Value, title: &str) {
         Status::GateMissed => (" bad", "✗ A hard gate is missed"),
     };
     let missed = report.gates.iter().filter(|g| !g.passed).map(|g| escape(&g.name)).collect::<Vec<_>>().join("; ");
-    let missed = if missed.is_empty() { "nothing missed, advisory ones included".into() } else { format!("missed: {missed}") };
+    let missed = if missed.is_empty() { "nothing missed, advisory ones included".into() } else { format!("{}missed: {missed}", if report.status == Status::Passed { "advisory limits " } else { "" }) };
     let _ = write!(
         out,
         "<h1>{}</h1><p class=soft>lumenmesh {} · lengths in mm, coordinates LPS</p><div class=\"verdict{class}\"><b>{verdict}</b><span>{missed}</span></div>\n<div class=tiles>",
@@ -180,7 +182,9 @@ fn viewer(out: &mut String, scene: &Scene, json: &Value) {
     patch.resize(patch.len().div_ceil(4) * 4, 0);
     pack(out, "mesh-patch", patch.chunks(4).map(|c| [c[0], c[1], c[2], c[3]]));
     pack_f32(out, "mesh-skewness", scene.skewness.iter());
-    pack_f32(out, "mesh-deviation", scene.deviation.iter());
+    // Vertices inside caps have no deviation; the view shows them as 0.
+    let deviation: Vec<f64> = scene.deviation.iter().map(|d| if d.is_finite() { *d } else { 0.0 }).collect();
+    pack_f32(out, "mesh-deviation", deviation.iter());
     pack_f32(out, "mesh-curvature", scene.curvature.iter());
     pack_f32(out, "center-lines", scene.centerlines.iter().flatten().flat_map(|p| p.coords.iter()));
     if let Some((volume, sv)) = scene.volume.filter(|(v, _)| v.tets.len() <= MOST_TETS) {
@@ -329,7 +333,7 @@ fn one_click(out: &mut String, json: &Value) {
 
 fn worst(out: &mut String, json: &Value) {
     let groups = [("Worst triangles", "/surface/worst"), ("Worst cells", "/volume/worst"), ("Farthest from the mask", "/fidelity/worst")];
-    out.push_str("<h2>Worst places</h2><p class=soft>A click on the coordinates shows the place above.</p>");
+    out.push_str("<h2>Worst places</h2><p class=\"soft no-print\">A click on the coordinates shows the place above.</p>");
     for (title, path) in groups {
         let Some(rows) = json.pointer(path).and_then(Value::as_array).filter(|r| !r.is_empty()) else { continue };
         let _ = write!(out, "<details><summary>{title}</summary><div class=scroll><table>");

@@ -43,11 +43,12 @@ pub enum Limit {
 
 impl Gate {
     fn new(name: &str, value: f64, limit: Limit, hard: bool) -> Gate {
+        let number = |l: f64| if l != 0.0 && l.abs() < 1e-4 { format!("{l:e}") } else { l.to_string() };
         let (limit, passed) = match limit {
-            Limit::Below(l) => (format!("< {l}"), value < l),
-            Limit::AtMost(l) => (format!("≤ {l}"), value <= l),
-            Limit::AtLeast(l) => (format!("≥ {l}"), value >= l),
-            Limit::Exactly(l) => (format!("= {l}"), value == l),
+            Limit::Below(l) => (format!("< {}", number(l)), value < l),
+            Limit::AtMost(l) => (format!("≤ {}", number(l)), value <= l),
+            Limit::AtLeast(l) => (format!("≥ {}", number(l)), value >= l),
+            Limit::Exactly(l) => (format!("= {}", number(l)), value == l),
         };
         Gate { name: name.into(), limit, value, hard, passed }
     }

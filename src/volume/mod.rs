@@ -2,7 +2,7 @@
 //!
 //! The surface is frozen: its triangles come back as boundary faces, its points stand first and bit-equal.
 //! Interior points are laid out by [`sizing`] and packed at the wished spacing; TetGen (in a worker process,
-//! see [`worker`]) connects them and recovers the surface; [`optimise`] then removes what TetGen leaves: slivers.
+//! see [`worker`]) connects them and recovers the surface; [`optimise`](mod@optimise) then removes what TetGen leaves: slivers.
 
 pub mod build;
 pub mod check;

@@ -103,6 +103,7 @@ sinfo
 
 # No accounting database: the executor asks squeue, which keeps ended jobs for MinJobAge.
 flow=("$snakemake" -s scripts/cohort/Snakefile --profile scripts/cohort/slurm --slurm-status-command squeue
+  --slurm-init-seconds-before-status-checks 5 --seconds-between-status-checks 5
   --jobs 2 --latency-wait 10 --directory "$work/snake"
   --config "cases=$work/cases/*/case.yaml" "out=$work/cluster" "lumenmesh=$program" "set=surface.scale=$set_scale" threads=1 mem_mb=1500)
 rm -rf "$work/cluster" "$work/snake"
@@ -121,7 +122,6 @@ cluster_killed=$(find "$work/cluster" -maxdepth 1 -name '*.exit' | wc -l)
 say "resumed after $cluster_killed cases"
 "${flow[@]}" --unlock >/dev/null 2>&1 || true
 "${flow[@]}" >>"$work/cluster.log" 2>&1
-jobs=$(sacct 2>/dev/null | wc -l || true)
 
 say "compared"
 compare() {

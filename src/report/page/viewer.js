@@ -66,7 +66,7 @@
   controls.staticMoving = true; controls.rotateSpeed = 3;
   const home = () => {
     controls.target.copy(center); camera.up.set(0, 0, 1);
-    camera.position.copy(center).add(new THREE.Vector3(0.35, -1.9, 0.35).multiplyScalar(size));
+    camera.position.copy(center).add(new THREE.Vector3(0.3, -1.55, 0.3).multiplyScalar(size));
     camera.near = size / 1000; camera.far = size * 20; camera.updateProjectionMatrix();
   };
   home();
