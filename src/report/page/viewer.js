@@ -19,10 +19,12 @@
   const viridis = [[68,1,84],[72,40,120],[62,74,137],[49,104,142],[38,130,142],[31,158,137],[53,183,121],[109,205,89],[180,222,44],[253,231,37]];
   const diverging = [[33,60,129],[58,110,177],[122,166,210],[196,217,233],[247,247,247],[248,214,180],[238,162,100],[205,104,36],[128,56,8]];
   const patchColours = [[150,160,170],[0,114,178],[213,94,0],[0,158,115],[204,121,167],[230,159,0],[86,180,233],[240,228,66],[120,94,240]];
+  // three.js takes colours of vertices as linear light; the maps are sRGB, as the legend shows them.
+  const linear = c => c <= 0.04045 ? c / 12.92 : Math.pow((c + 0.055) / 1.055, 2.4);
   const pick = (map, t) => {
     t = Math.min(1, Math.max(0, t)) * (map.length - 1);
     const i = Math.min(map.length - 2, Math.floor(t)), f = t - i;
-    return map[i].map((c, k) => (c + f * (map[i + 1][k] - c)) / 255);
+    return map[i].map((c, k) => linear((c + f * (map[i + 1][k] - c)) / 255));
   };
 
   const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
@@ -30,8 +32,8 @@
   renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
   host.appendChild(renderer.domElement);
   const scene = new THREE.Scene(), camera = new THREE.PerspectiveCamera(30, 1, 0.01, 1e6);
-  scene.add(new THREE.HemisphereLight(0xffffff, 0x8090a0, 1.6));
-  const lamp = new THREE.DirectionalLight(0xffffff, 1.6);
+  scene.add(new THREE.HemisphereLight(0xffffff, 0xa0a8b0, 2.0));
+  const lamp = new THREE.DirectionalLight(0xffffff, 1.9);
   camera.add(lamp); scene.add(camera);
 
   const n = triangles.length / 3, position = new Float32Array(9 * n), colour = new Float32Array(9 * n);
@@ -51,7 +53,7 @@
   }
   const wireGeometry = new THREE.BufferGeometry();
   wireGeometry.setAttribute('position', new THREE.BufferAttribute(edges, 3));
-  const wire = new THREE.LineSegments(wireGeometry, new THREE.LineBasicMaterial({ color: 0x20262c, transparent: true, opacity: 0.35, clippingPlanes: [plane] }));
+  const wire = new THREE.LineSegments(wireGeometry, new THREE.LineBasicMaterial({ color: 0x20262c, transparent: true, opacity: 0.25, clippingPlanes: [plane] }));
   scene.add(wire);
   if (lines) {
     const g = new THREE.BufferGeometry(); g.setAttribute('position', new THREE.BufferAttribute(lines, 3));
@@ -80,7 +82,7 @@
   const fields = {
     patch: () => {
       legend.innerHTML = meta.patches.map(p => `<div style="justify-content:start;gap:.4rem"><i style="width:1rem;background:rgb(${patchColours[(p.id - 1) % 9]})"></i>${p.name}</div>`).join('');
-      return t => { const c = patchColours[(patch[t] - 1) % 9].map(x => x / 255); return [c, c, c]; };
+      return t => { const c = patchColours[(patch[t] - 1) % 9].map(x => linear(x / 255)); return [c, c, c]; };
     },
     skewness: () => { showLegend('equi-angle skewness', viridis, 0, meta.limit); return t => { const c = pick(viridis, skew[t] / meta.limit); return [c, c, c]; }; },
     deviation: () => { showLegend('deviation from the mask (voxel diagonals)', diverging, -0.5, 0.5); return t => [0, 1, 2].map(k => pick(diverging, deviation[triangles[3 * t + k]] + 0.5)); },
