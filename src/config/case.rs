@@ -213,9 +213,11 @@ pub struct Reconstruction {
     pub method: Option<Method>,
     /// Shift of the surface outwards, in voxel diagonals; negative shifts inwards. Default 0 for `cfd`, 0.05 for `paper`.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = -1.0, max = 1.0))]
     pub offset: Option<f64>,
     /// Edge of the polygonizer's cube in voxels. Default 0.5 for `cfd`, 0.7 for `paper`.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.1, max = 2.0))]
     pub cell: Option<f64>,
 }
 
@@ -249,6 +251,7 @@ pub struct Surface {
     /// Edge length, the same everywhere; `auto` follows curvature, radius and the chord error.
     pub edge_length: AutoLength,
     /// Factor on the edge length, `auto` included: 2 coarsens, 0.5 refines.
+    #[schemars(range(min = 0.05, max = 20.0))]
     pub scale: f64,
     /// Aim at about this many triangles instead.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -260,8 +263,10 @@ pub struct Surface {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_edge_length: Option<Length>,
     /// Edges round the circumference of a vessel, at least. Default 28.
+    #[schemars(range(min = 6.0, max = 400.0))]
     pub edges_around: f64,
     /// Change of edge length per length, at most. Default 0.15.
+    #[schemars(range(min = 0.01, max = 1.0))]
     pub growth: f64,
     /// Places that want smaller triangles.
     pub refine: Vec<Refine>,
@@ -269,8 +274,10 @@ pub struct Surface {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub patches: Vec<WallPatch>,
     /// Every triangle must stay below this equi-angle skewness.
+    #[schemars(range(min = 0.3, max = 0.95))]
     pub max_skewness: f64,
     /// The equi-angle skewness that angle repair works towards.
+    #[schemars(range(min = 0.2, max = 0.95))]
     pub target_skewness: f64,
 }
 
@@ -425,6 +432,7 @@ pub struct Volume {
     /// Largest edge length inside; `auto` grows from the surface's inwards.
     pub edge_length: AutoLength,
     /// Growth of the edge length per length inwards. Default 0.2.
+    #[schemars(range(min = 0.0, max = 2.0))]
     pub growth: f64,
     /// Aim at about this many cells instead.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -434,8 +442,10 @@ pub struct Volume {
     /// Number of meshes of one case, from coarse to fine; 1 makes the one mesh.
     pub series: u32,
     /// Seconds that the volume engine may take; it fails after that.
+    #[schemars(range(min = 1.0, max = 1e7))]
     pub time_limit: f64,
     /// Memory that the volume engine may take, GiB.
+    #[schemars(range(min = 0.1, max = 1e5))]
     pub memory_limit: f64,
 }
 
@@ -458,10 +468,12 @@ impl Default for Volume {
 #[serde(deny_unknown_fields, default)]
 pub struct BoundaryLayers {
     /// Number of layers; 0 makes none.
+    #[schemars(range(min = 0, max = 50))]
     pub count: u32,
     /// Height of the layer on the wall; `auto` follows from total, count and growth.
     pub first_height: AutoLength,
     /// Height of a layer over that of the one below. Default 1.2.
+    #[schemars(range(min = 0.5, max = 3.0))]
     pub growth: f64,
     /// Height of all layers together. Default `0.25 R`.
     pub total: Length,

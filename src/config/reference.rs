@@ -113,6 +113,19 @@ mod tests {
         }
     }
 
+    /// What an editor underlines is what a run refuses.
+    #[test]
+    fn the_ranges_of_the_schema_are_those_that_are_checked() {
+        let root = schema();
+        for path in ["surface.scale", "surface.edges_around", "surface.max_skewness", "reconstruction.offset", "volume.memory_limit", "volume.boundary_layers.growth"] {
+            let at = path.split('.').fold(&root, |at, key| &resolve(&root, at)["properties"][key]);
+            let (low, high) = (at["minimum"].as_f64().expect(path), at["maximum"].as_f64().expect(path));
+            let accepted = |v: f64| super::super::from_text("input: {mask: a.nrrd}", "c", &[format!("{path}={v}")]).is_ok();
+            let beyond = 0.01 * (high - low);
+            assert!(accepted(high) && !accepted(low - beyond) && !accepted(high + beyond), "{path}: {low} to {high}");
+        }
+    }
+
     #[test]
     fn the_schema_forbids_unknown_keys_and_is_draft_07() {
         let s = schema();
