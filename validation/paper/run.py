@@ -151,14 +151,14 @@ def picture(parts, path, span, diverging):
         r.SetBackground(1, 1, 1)
         r.SetViewport(n / len(parts), 0, (n + 1) / len(parts), 1)
         r.AddActor(actor)
-        r.AddActor2D(title)
+        r.AddViewProp(title)
         bar = vtk.vtkScalarBarActor()
         bar.SetLookupTable(table)
         bar.SetNumberOfLabels(5)
         bar.GetLabelTextProperty().SetColor(0, 0, 0)
         bar.SetWidth(0.1)
         if n + 1 == len(parts):
-            r.AddActor2D(bar)
+            r.AddViewProp(bar)
         r.ResetCamera()
         r.GetActiveCamera().Azimuth(25)
         r.GetActiveCamera().Elevation(20)
@@ -311,6 +311,7 @@ def write(cases):
 
 
 def main():
+    vtk.vtkObject.GlobalWarningDisplayOff()
     RESULTS.mkdir(parents=True, exist_ok=True)
     WORK.mkdir(parents=True, exist_ok=True)
     cases = [evaluate(p) for p in [phantom(WORK), *map(Path, sys.argv[1:])]]
