@@ -187,6 +187,31 @@ fn damaged_masks() {
     try_all("VTI appended zlib", &appended, read("zlib.vti"));
 }
 
+/// One tetrahedron in appended raw data, each array one block packed by zlib or LZ4.
+fn packed_vtu(compressor: &str) -> Vec<u8> {
+    let bytes = |v: &[f64]| v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let ids = |v: &[i64]| v.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let arrays = [bytes(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]), ids(&[0, 1, 2, 3]), ids(&[4]), vec![10]];
+    let (mut data, mut offsets) = (Vec::new(), Vec::new());
+    for array in &arrays {
+        offsets.push(data.len());
+        let block = if compressor.contains("LZ4") { lz4_flex::block::compress(array) } else { pack(array, "zlib") };
+        data.extend([1u32, array.len() as u32, 0, block.len() as u32].into_iter().flat_map(u32::to_le_bytes));
+        data.extend(block);
+    }
+    let array = |name: &str, kind: &str, n: usize, at: usize| {
+        format!("<DataArray Name=\"{name}\" type=\"{kind}\" NumberOfComponents=\"{n}\" format=\"appended\" offset=\"{}\"/>", offsets[at])
+    };
+    let head = format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt32\" compressor=\"{compressor}\">\n<UnstructuredGrid><Piece NumberOfPoints=\"4\" NumberOfCells=\"1\"><Points>{}</Points><Cells>{}{}{}</Cells></Piece></UnstructuredGrid>\n<AppendedData encoding=\"raw\">_",
+        array("Points", "Float64", 3, 0),
+        array("connectivity", "Int64", 1, 1),
+        array("offsets", "Int64", 1, 2),
+        array("types", "UInt8", 1, 3),
+    );
+    [head.as_bytes(), &data, b"</AppendedData></VTKFile>\n"].concat()
+}
+
 /// What `check` does with a mesh: corners in range, and every measure taken.
 fn measured(mesh: AnyMesh, name: &str) -> Result<(), String> {
     match mesh {
@@ -244,6 +269,8 @@ fn damaged_meshes() {
         ("PLY text", "b.ply", b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty double y\nproperty float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0.5\n3 0 1 2\n3 0 2 3\n".to_vec()),
         ("VTP", "a.vtp", bytes(|w| vtp::write_surface(w, &s, &vtp::Extra::default()))),
         ("VTU", "a.vtu", bytes(|w| vtu::write(w, &prisms, &vec![0.5; prisms.cell_count()], &vtp::Extra::default()))),
+        ("VTU zlib", "zlib.vtu", packed_vtu("vtkZLibDataCompressor")),
+        ("VTU LZ4", "lz4.vtu", packed_vtu("vtkLZ4DataCompressor")),
         ("Gmsh", "gmsh.msh", bytes(|w| gmsh::write(w, &volume))),
         ("FLUENT", "fluent.msh", bytes(|w| fluent::write(w, &prisms, &FaceList::build(&prisms).expect("faces")))),
     ];

@@ -44,17 +44,17 @@ fn end() -> ! {
 /// guess how long it still takes.
 const SHARES: [(&str, f64); 12] = [
     ("read", 1.0),
-    ("clean", 2.0),
-    ("reconstruct", 30.0),
-    ("polygonize", 8.0),
-    ("centerlines", 3.0),
+    ("clean", 1.0),
+    ("reconstruct", 15.0),
+    ("polygonize", 4.0),
+    ("centerlines", 2.0),
     ("guidance field", 5.0),
-    ("remesh", 15.0),
-    ("openings", 8.0),
+    ("remesh", 18.0),
+    ("openings", 4.0),
     ("quality", 1.0),
-    ("fidelity", 7.0),
-    ("volume", 18.0),
-    ("volume quality", 2.0),
+    ("fidelity", 8.0),
+    ("volume", 38.0),
+    ("volume quality", 3.0),
 ];
 
 /// Progress on standard error.

@@ -180,7 +180,7 @@ fn hand_over(a: &Arguments, dir: &Path, report: &Report) -> Result<(), Failure> 
 }
 
 /// Per cent of the whole work after which the surface stands.
-const SURFACE_SHARE: f64 = 78.0;
+const SURFACE_SHARE: f64 = 59.0;
 
 /// Progress as Slicer reads it from standard output.
 struct Filter {

@@ -22,6 +22,6 @@ mkdir -p "$out"
   echo
   echo "| format | bytes | damaged | refused with a sentence | memory (MB) |"
   echo "|---|---|---|---|---|"
-  grep -o '| [A-Za-z-].*|$' "$log" | LC_ALL=C sort
+  grep -oE '\| [A-Za-z-].*\|$' "$log" | LC_ALL=C sort
 } >"$out/README.md"
 echo "$((SECONDS - start)) s; $out/README.md"
