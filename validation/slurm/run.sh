@@ -150,6 +150,7 @@ mkdir -p "$out"
   echo
   echo "All hard gates met: $met of $trees. Compared: every file but report.json, report.html and lumenmesh.log, which hold times."
 } >"$out/README.md"
+printf "\n![The top of cohort.html](cohort.png)\n" >>"$out/README.md"
 cat "$out/README.md"
 cat "$work/diff.log"
 [ "$local_same" -eq "$trees" ] && [ "$cluster_same" -eq "$trees" ]
