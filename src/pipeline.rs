@@ -500,16 +500,30 @@ fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -
 
 /// Cuts the ends open; gives the number of openings.
 fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Result<usize, Error> {
-    let found: Vec<Opening> = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
     let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
     let mut measures = Vec::new();
     let mut off_implicit = 0.0f64;
     let mut retries = Vec::new();
     for (n, part) in parts.iter_mut().enumerate() {
-        let whole: &Part = part;
-        let (mesh, made, tried) = retry::surface(&whole.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
-            cut_part(case, whole, attempt, places)
-        })?;
+        // A diameter for each opening.
+        let mut moves = 4 * part.openings.len();
+        let (mesh, made, tried) = loop {
+            let whole: &Part = part;
+            let made = retry::surface(&whole.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
+                cut_part(case, whole, attempt, places)
+            });
+            match made {
+                Err(Error::Openings(openings::Error::NotSimple { name, at })) if moves > 0 && shift_inwards(part, &name) => {
+                    moves -= 1;
+                    let at = at.coords;
+                    report.warn(
+                        "openings",
+                        format!("opening `{name}`: the section at {:.3?} is not one simple loop; the plane was moved inwards by half a radius", at.as_slice()),
+                    );
+                }
+                other => break other?,
+            }
+        };
         if let Some(fraction) = made.front_fraction {
             report.put_in("surface", "front_fraction", &fraction);
         }
@@ -530,6 +544,7 @@ fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Res
         report.put_in("remeshing", "retries", &retries);
     }
     measures.sort_by_key(|m| m.id);
+    let found: Vec<Opening> = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
     report.put("openings", &results::opening_rows(&measures, &found));
     let extensions = results::extension_rows(parts, &measures);
     if !extensions.is_empty() {
@@ -541,6 +556,19 @@ fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Res
         report.warn("openings", "there is no opening: the vessel is closed on all sides; give planes under `openings:`");
     }
     Ok(found.len())
+}
+
+/// Moves the plane of an opening that was found, not given, inwards by half its radius; false where it must stay.
+fn shift_inwards(part: &mut Part, name: &str) -> bool {
+    let extended = part.extensions.iter().any(|e| e.name() == name);
+    let given = |o: &Opening| o.found_by == openings::FoundBy::User;
+    if extended || !part.openings.iter().any(|o| o.name == name && !given(o)) {
+        return false;
+    }
+    for o in part.ends.iter_mut().chain(&mut part.openings).filter(|o| o.name == name) {
+        o.plane.origin -= o.plane.normal * (0.5 * o.radius);
+    }
+    true
 }
 
 /// The planes at which to cut: those detected, and what the user wants of them.

@@ -112,7 +112,7 @@ pub struct Tried {
 /// that it must have. Gives the best surface and, where the first attempt was not good, all attempts.
 ///
 /// # Errors
-/// The first attempt's, where no attempt gives a surface.
+/// Where no attempt gives a surface, or two meshes in turn have no simple section in an opening's plane.
 pub fn surface<T>(
     polygons: &TriMesh,
     max_skewness: f64,
@@ -138,8 +138,12 @@ pub fn surface<T>(
             // Another mesh may be cut where this one cannot.
             Err(super::Error::Openings(e @ openings::Error::NotSimple { .. })) => {
                 let openings::Error::NotSimple { at, .. } = e else { return Err(e.into()) };
+                if first_error.is_some() {
+                    // Not the mesh but the section is at fault: another plane is wanted.
+                    return Err(super::Error::Openings(e));
+                }
                 let text = e.to_string();
-                first_error.get_or_insert(super::Error::Openings(e));
+                first_error = Some(super::Error::Openings(e));
                 Faults { refused: Some(text), topology: false, self_intersections: 0, above_limit: 0, s_max: 1.0, at: vec![at] }
             }
             Err(e) => return Err(e),
