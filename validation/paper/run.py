@@ -249,7 +249,8 @@ def write(cases):
     lines += [f"| {c['name']} | {c['median']:.3f} | {c['mean']:.3f} | {c['worst']:.2f} | {c['nets_median']:.3f} | {c['nets_worst']:.2f} |" for c in cases]
     lines += [
         "",
-        "The maximum is far below the paper's because the guard keeps the wall within 0.6 voxel diagonals of the mask's voxel faces.",
+        "The median is the paper's: most of it is the outward bias of its placement rules and of its offset, not noise. The maximum is",
+        "far below the paper's because the guard keeps the wall within 0.6 voxel diagonals of the mask's voxel faces.",
         "",
         "## Table 2 as ratios of triangle counts",
         "",
@@ -261,8 +262,9 @@ def write(cases):
     lines += [
         "",
         "Bloomenthal's original tabulates the cube's own polygons; here every cell is six tetrahedra, which is closed and manifold",
-        "whatever the function does and costs about 2.5 times the triangles before remeshing. The guidance field bounds the chord",
-        "error, the paper's knew the curvature only: the ratio to the front's mesh follows from both.",
+        "whatever the function does and costs three to six times the triangles before remeshing (cells of 0.7 voxels alone give twice as",
+        "many as marching cubes). The guidance field bounds the chord error, the paper's knew the curvature only: the ratio to the",
+        "front's mesh follows from both.",
         "",
         "## Table 3: equi-angle skewness",
         "",
@@ -278,6 +280,10 @@ def write(cases):
             lines.append(f"| {c['name']} | {title} | {f} | {hi:.3f} | {lo:.4f} | {mean:.3f} |")
     lines += [
         "",
+        "Only triangles above 0.75 are repaired here, as in the paper, hence maxima just below it. The front's mean is above the paper's 0.23:",
+        "the guidance field asks for short edges where the paper's point rules leave steps on thin vessels (see the curvature).",
+        "The default profile repairs towards 0.45 and reaches a mean of about 0.09.",
+        "",
         "## Run times, seconds, mask to polygonized surface",
         "",
         "| case | marching cubes (VTK) | surface nets (VTK) | ours | improve | front and repair |",
@@ -288,6 +294,9 @@ def write(cases):
         s = c["seconds"]
         lines.append(f"| {c['name']} | {c['t_mc']:.2f} | {c['t_nets']:.2f} | {c['t_ours']:.2f} | {s['improve']:.1f} | {s['guidance field'] + s['advancing front'] + s['repair']:.1f} |")
     lines += [
+        "",
+        "The machine was shared with other work: only ratios count. Ours to marching cubes is above the paper's 5, because VTK's marching",
+        "cubes is faster than that of 2008 and because six times as many triangles are made; the front takes minutes in both.",
         "",
         "## Topology and guard",
         "",
@@ -305,6 +314,11 @@ def write(cases):
         "|---|---|---|---|",
     ]
     lines += [f"| {c['name']} | {n} | {m:.4f} | {p:.3f} |" for c in cases for n, m, p in c["curvature"]]
+    lines += [
+        "",
+        "As in Figures 14 and 15 the implicit surface is free of marching cubes' steps where the vessel is wide; on vessels of two to four",
+        "voxels the paper's rules keep them, and surface nets are smoother there. That is why the default is another fit.",
+    ]
     for c in cases:
         lines += ["", f"![Gaussian curvature of {c['name']}: marching cubes, surface nets, MPU implicits]({c['name']}_curvature.png)", "", f"![Deviation of {c['name']}]({c['name']}_deviation.png)"]
     (RESULTS / "README.md").write_text("\n".join(lines) + "\n")
