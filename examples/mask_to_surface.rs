@@ -24,6 +24,7 @@ use lumenmesh::polygonize::{PolygonizeOptions, polygonize};
 use lumenmesh::remesh::advancing_front::{self, AdvancingFrontOptions};
 use lumenmesh::remesh::angle_repair::{self, RepairOptions};
 use lumenmesh::remesh::size_field::{GuidanceField, GuidanceOptions};
+use lumenmesh::remesh::improve::{self, ImproveOptions};
 use lumenmesh::remesh::{Supports, Uniform};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -89,7 +90,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let spacing = mask.grid.spacing();
         let cell = polygon_options.cell * spacing[0].min(spacing[1]).min(spacing[2]);
         let repair = RepairOptions::default();
-        let (improved, improvement) = angle_repair::repair(&surface, &supports, &Uniform(cell), &repair)?;
+        let (improved, improvement) = improve::improve(&surface, &supports, &Uniform(cell), &ImproveOptions::default())?;
         lap("improve");
         write(out, "improved.stl", &improved)?;
         let (field, _) = GuidanceField::new(&surface, &wall, &[], spacing, &GuidanceOptions::default())?;

@@ -81,6 +81,32 @@ impl HalfEdgeMesh {
         TriMesh { points, triangles, patch, patches: self.patches }
     }
 
+    /// Gives ids without gaps; what is left keeps its order. Returns the old id of each vertex. Scans over all ids cost
+    /// what is there afterwards, not what was once there.
+    pub fn compact(&mut self) -> Vec<u32> {
+        let live = |t: &usize| self.tri[*t][0] != NONE;
+        let triangles: Vec<usize> = (0..self.tri.len()).filter(live).collect();
+        let mut triangle = vec![NONE; self.tri.len()];
+        for (new, &old) in triangles.iter().enumerate() {
+            triangle[old] = new as u32;
+        }
+        let vertices: Vec<u32> = (0..self.points.len() as u32).filter(|&v| self.has_vertex(v)).collect();
+        let mut vertex = vec![NONE; self.points.len()];
+        for (new, &old) in vertices.iter().enumerate() {
+            vertex[old as usize] = new as u32;
+        }
+        let half_edge = |h: u32| 3 * triangle[h as usize / 3] + h % 3;
+        let sides = || triangles.iter().flat_map(|&t| [3 * t, 3 * t + 1, 3 * t + 2]);
+        self.twin = sides().map(|h| half_edge(self.twin[h])).collect();
+        self.feature = sides().map(|h| self.feature[h]).collect();
+        self.out = vertices.iter().map(|&v| half_edge(self.out[v as usize])).collect();
+        self.points = vertices.iter().map(|&v| self.points[v as usize]).collect();
+        self.patch = triangles.iter().map(|&t| self.patch[t]).collect();
+        self.tri = triangles.iter().map(|&t| self.tri[t].map(|v| vertex[v as usize])).collect();
+        self.removed_triangles = 0;
+        vertices
+    }
+
     /// Number of triangle ids, removed ones included.
     pub fn triangle_ids(&self) -> usize {
         self.tri.len()
@@ -390,6 +416,13 @@ mod tests {
                 _ => {}
             }
             if step % 50 == 0 {
+                assert_sound(&m);
+            }
+            if step % 300 == 0 {
+                let before = m.clone().into_mesh();
+                let old = m.compact();
+                assert_eq!((m.triangle_ids(), m.points.len()), (m.triangle_count(), old.len()));
+                assert!(old.is_sorted() && m.clone().into_mesh() == before);
                 assert_sound(&m);
             }
         }

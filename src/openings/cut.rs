@@ -505,6 +505,17 @@ mod tests {
     }
 
     #[test]
+    fn the_number_of_threads_changes_no_bit() {
+        let (f, mesh) = tube();
+        let ends = [opening(2, "inlet", [0.0, 0.0, 5.0], [0.2, 0.0, 1.0]), opening(3, "outlet_1", [0.0, 0.0, -5.0], [0.0, 0.0, -1.0])];
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| super::cut(&mesh, &f, &Uniform(0.6), &ends, &CutOptions::default()).expect("cut").0)
+        };
+        assert_eq!(on(1), on(3));
+    }
+
+    #[test]
     fn a_plane_that_misses_the_vessel_is_refused_with_coordinates() {
         let (f, mesh) = tube();
         let ends = [opening(2, "inlet", [40.0, 0.0, 0.0], [1.0, 0.0, 0.0])];

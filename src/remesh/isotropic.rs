@@ -103,6 +103,7 @@ pub fn remesh(
 fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
     for i in 0..options.iterations {
         summary.collapses += collapse_short(s, options);
+        s.compact();
         summary.splits += split_long(s, options);
         summary.flips += flip_for_valence(s);
         if 2 * i >= options.iterations {
@@ -187,6 +188,7 @@ fn collapse_short(s: &mut Surface, options: &IsotropicOptions) -> usize {
     let longest = options.split_above * options.split_above;
     let mut count = 0;
     for _ in 0..8 {
+        s.compact();
         let mut short: Vec<(f64, u32, u32)> = edges(s)
             .into_par_iter()
             .map(|h| (s.mesh.origin(h), s.mesh.target(h)))

@@ -139,6 +139,17 @@ impl<'a> Surface<'a> {
         }
     }
 
+    /// Gives ids without gaps where many were removed; what is left keeps its order.
+    pub fn compact(&mut self) {
+        if self.mesh.triangle_ids() < 5 * self.mesh.triangle_count() / 4 {
+            return;
+        }
+        let old = self.mesh.compact();
+        self.kind = old.iter().map(|&v| self.kind[v as usize]).collect();
+        self.normal = old.iter().map(|&v| self.normal[v as usize]).collect();
+        self.size = old.iter().map(|&v| self.size[v as usize]).collect();
+    }
+
     /// Ids of the vertices that exist.
     pub fn vertices(&self) -> Vec<u32> {
         (0..self.mesh.points.len() as u32).filter(|&v| self.mesh.has_vertex(v)).collect()
