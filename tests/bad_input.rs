@@ -264,3 +264,16 @@ fn an_interrupted_run_ends_with_130_and_leaves_nothing() {
         assert_eq!(names(dir), before, "{message}");
     }
 }
+
+#[test]
+fn a_reader_that_has_gone_is_no_error() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_lumenmesh"))
+        .args(["phantom", "list"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts");
+    drop(child.stdout.take());
+    let out = child.wait_with_output().expect("ends");
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+}

@@ -195,7 +195,7 @@ fn write(mut rows: Vec<Row>, args: &BatchArgs) -> Result<u8, Failure> {
     output::write(&args.output.join("cohort.csv"), cohort::csv(&rows).as_bytes())?;
     output::write(&args.output.join("cohort.html"), cohort::html(&rows).as_bytes())?;
     let worst = rows.iter().map(|r| r.code).find(|c| *c != 0);
-    println!(
+    say!(
         "{} of {} cases met all hard gates; open {}",
         rows.iter().filter(|r| r.code == 0).count(),
         rows.len(),

@@ -24,15 +24,15 @@ pub fn run(args: &CheckArgs) -> Result<u8, Failure> {
             }
         };
         if args.json {
-            print!("{}", report.to_json());
+            say!("{}", report.to_json().trim_end());
         } else {
-            println!("{}: {}", file.display(), facts(&report));
+            say!("{}: {}", file.display(), facts(&report));
             for w in &report.warnings {
-                println!("  warning  {}", w.message);
+                say!("  warning  {}", w.message);
             }
             for g in &report.gates {
                 let verdict = if g.passed { "met     " } else if g.hard { "MISSED  " } else { "advisory" };
-                println!("  {verdict} {}: {} (limit {})", g.name, super::run::rounded(g.value), g.limit);
+                say!("  {verdict} {}: {} (limit {})", g.name, super::run::rounded(g.value), g.limit);
             }
         }
         missed |= report.status == Status::GateMissed;

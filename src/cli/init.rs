@@ -36,7 +36,7 @@ pub fn run(args: &InitArgs) -> Result<u8, Failure> {
     match &args.output {
         Some(file) => {
             output::write(file, text.as_bytes())?;
-            println!("{}: {} openings found; edit it, then run: lumenmesh run {}", file.display(), survey.openings.len(), file.display());
+            say!("{}: {} openings found; edit it, then run: lumenmesh run {}", file.display(), survey.openings.len(), file.display());
         }
         None => {
             if let Err(e) = std::io::stdout().lock().write_all(text.as_bytes())

@@ -1,5 +1,12 @@
 //! The command line: arguments, exit codes, progress, output folders.
 
+/// Prints a line on standard output; a reader that has gone (`| head`) is no error.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        let _ = std::io::Write::write_fmt(&mut std::io::stdout().lock(), format_args!("{}\n", format_args!($($text)*)));
+    }};
+}
+
 mod args;
 mod batch;
 mod check;

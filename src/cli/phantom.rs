@@ -10,7 +10,7 @@ use crate::phantom;
 pub fn run(args: &PhantomArgs) -> Result<u8, Failure> {
     if args.name == "list" {
         for name in phantom::list() {
-            println!("{name}");
+            say!("{name}");
         }
         return Ok(0);
     }
@@ -24,6 +24,6 @@ pub fn run(args: &PhantomArgs) -> Result<u8, Failure> {
     write(&staging.path().join("truth.json"), format!("{truth}\n").as_bytes())?;
     write(&staging.path().join("case.yaml"), phantom.case_yaml("mask.nrrd").as_bytes())?;
     staging.publish()?;
-    println!("{}: {} lumen voxels; mask.nrrd, truth.json, case.yaml in {}", args.name, mask.count(), dir.display());
+    say!("{}: {} lumen voxels; mask.nrrd, truth.json, case.yaml in {}", args.name, mask.count(), dir.display());
     Ok(0)
 }

@@ -44,7 +44,7 @@ fn execute(case: &Case, output: &Path, common: &Common) -> Result<u8, Failure> {
     let stage = common.stop_after.map_or(Stage::Exports, Stage::from);
     let report = pool.install(|| run_case(case, output, stage, &progress))?;
     if common.json {
-        print!("{}", report.to_json());
+        say!("{}", report.to_json().trim_end());
     } else if !common.quiet {
         summary(&report, output);
     }
@@ -87,14 +87,14 @@ fn summary(report: &Report, output: &Path) {
     for w in &report.warnings {
         eprintln!("warning: {}", w.message);
     }
-    println!(
+    say!(
         "surface  {} triangles, equi-angle skewness S max {} mean {}",
         number(report, "surface", "faces"),
         number(report, "surface", "s_max"),
         number(report, "surface", "s_mean"),
     );
     if report.sections.contains_key("volume") {
-        println!(
+        say!(
             "volume   {} cells ({} tetrahedra, {} prisms), equi-volume skewness S_V max {} mean {}",
             number(report, "volume", "cells"),
             number(report, "volume", "tets"),
@@ -104,8 +104,8 @@ fn summary(report: &Report, output: &Path) {
         );
     }
     for g in report.gates.iter().filter(|g| !g.passed) {
-        println!("{} {}: {} (limit {})", if g.hard { "MISSED  " } else { "advisory" }, g.name, rounded(g.value), g.limit);
+        say!("{} {}: {} (limit {})", if g.hard { "MISSED  " } else { "advisory" }, g.name, rounded(g.value), g.limit);
     }
     let verdict = if report.status == Status::Passed { "all hard gates met" } else { "A HARD GATE IS MISSED" };
-    println!("results  {} ({verdict}); open {}", output.display(), output.join("report.html").display());
+    say!("results  {} ({verdict}); open {}", output.display(), output.join("report.html").display());
 }
