@@ -178,3 +178,28 @@ pub enum FlowError {
         what: &'static str,
     },
 }
+
+#[cfg(test)]
+pub(crate) mod testing {
+    use crate::geometry::Point;
+    use crate::mesh::{BoundaryFace, Patch, PatchKind, VolumeMesh};
+
+    /// A cube of six tetrahedra with edges of `size` mm: inlet at x = 0, outlets at x = 1 and y = 1.
+    pub fn cube(size: f64) -> VolumeMesh {
+        let corner = |i: u32| Point::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) * size;
+        let tets = vec![[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
+        let mut m = VolumeMesh { points: (0..8).map(corner).collect(), tets, ..VolumeMesh::default() };
+        let patch = |id, name: &str, kind| Patch { id, name: name.into(), kind };
+        m.patches = vec![
+            Patch::wall(),
+            patch(2, "inlet", PatchKind::Inlet),
+            patch(3, "outlet_1", PatchKind::Outlet),
+            patch(4, "outlet_2", PatchKind::Outlet),
+        ];
+        let outer = m.outer_faces().expect("the cube conforms");
+        let side = |v: &[u32; 4], bit: u32, on: u32| v.iter().all(|i| i >> bit & 1 == on);
+        let of = |v: &[u32; 4]| if side(v, 0, 0) { 2 } else if side(v, 0, 1) { 3 } else if side(v, 1, 1) { 4 } else { 1 };
+        m.boundary = outer.into_iter().map(|vertices| BoundaryFace { vertices, patch: of(&vertices) }).collect();
+        m
+    }
+}

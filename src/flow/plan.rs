@@ -255,3 +255,57 @@ fn hold(options: &FlowOptions, openings: &mut [PatchFlow]) {
         o.condition = Condition::Outflow;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::cube;
+    use super::super::{Viscosity, Waveform};
+    use super::*;
+    use crate::mesh::faces::FaceList;
+
+    fn plan(options: &FlowOptions, size: f64) -> Result<FlowPlan, FlowError> {
+        let mesh = cube(size);
+        FlowPlan::resolve(options, &FaceList::build(&mesh).expect("conforms"))
+    }
+
+    #[test]
+    fn the_largest_outlet_takes_what_the_others_leave() {
+        let options = FlowOptions { split: OutletSplit::Fractions(vec![0.25, 0.75]), inflow: Inflow::FlowRate(4e-6), ..FlowOptions::default() };
+        let p = plan(&options, 3.0).expect("a plan");
+        let rows: Vec<_> = p.openings.iter().map(|o| (o.name.as_str(), o.condition, o.flow.unwrap_or(0.0))).collect();
+        assert_eq!(rows, [("inlet", Condition::Inflow, 4e-6), ("outlet_1", Condition::Outflow, 1e-6), ("outlet_2", Condition::Pressure, 3e-6)]);
+        let o = &p.openings[0];
+        assert!((o.area - 9.0).abs() < 1e-12 && (o.hydraulic_diameter - 3.0).abs() < 1e-12 && o.womersley.is_none());
+        assert!((o.velocity.unwrap_or(0.0) - 4.0 / 9.0).abs() < 1e-12 && p.warnings.is_empty(), "{p:?}");
+    }
+
+    #[test]
+    fn a_resistance_or_fraction_for_every_outlet_is_wanted() {
+        for split in [OutletSplit::Resistance(vec![1e9]), OutletSplit::Fractions(vec![1.0])] {
+            let e = plan(&FlowOptions { split, ..FlowOptions::default() }, 3.0).expect_err("one number for two outlets").to_string();
+            assert!(e.contains("for 2 outlets"), "{e}");
+        }
+    }
+
+    #[test]
+    fn a_vessel_of_three_metres_or_three_micrometres_is_asked_about() {
+        for (size, word) in [(3000.0, "um"), (0.003, "m or cm")] {
+            let p = plan(&FlowOptions::default(), size).expect("a plan");
+            assert!(p.warnings.iter().any(|w| w.contains("diameter") && w.contains(word)), "{:?}", p.warnings);
+        }
+        // Litres per minute taken for ml/s are no artery's flow.
+        let p = plan(&FlowOptions { inflow: Inflow::FlowRate(300e-6), ..FlowOptions::default() }, 3.0).expect("a plan");
+        assert!(p.warnings.iter().any(|w| w.contains("m/s")), "{:?}", p.warnings);
+    }
+
+    #[test]
+    fn a_pulsatile_plan_has_womersley_numbers_and_tells_a_beat_that_does_not_close() {
+        let wave = Waveform { times: vec![0.0, 0.4, 0.8], flow: vec![2e-6, 4e-6, 3e-6] };
+        let options = FlowOptions { waveform: Some(wave), viscosity: Viscosity::CASSON, ..FlowOptions::default() };
+        let p = plan(&options, 4.0).expect("a plan");
+        let nu = 3.5e-3 / 1060.0;
+        let expected = 2e-3 * (std::f64::consts::TAU / 0.8 / nu).sqrt();
+        assert!((p.openings[0].womersley.unwrap_or(0.0) / expected - 1.0).abs() < 1e-12);
+        assert!(p.warnings[0].contains("jumps"), "{:?}", p.warnings);
+    }
+}

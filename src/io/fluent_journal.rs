@@ -147,3 +147,55 @@ fn opening(s: &mut String, options: &FlowOptions, plan: &FlowPlan, o: &PatchFlow
         }
     };
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flow::testing::cube;
+    use crate::flow::{Inflow, OutletSplit, Waveform};
+
+    fn files(options: &FlowOptions) -> (String, Option<String>) {
+        let mesh = cube(3.0);
+        let faces = FaceList::build(&mesh).expect("conforms");
+        let plan = FlowPlan::resolve(options, &faces).expect("a plan");
+        let folder = tempfile::tempdir().expect("folder");
+        write(folder.path(), &faces, options, &plan).expect("writes");
+        let read = |name: &str| fs::read_to_string(folder.path().join(name)).ok();
+        (read("lumen.jou").expect("a journal"), read("inlet.prof"))
+    }
+
+    #[test]
+    fn the_journal_reads_checks_and_sets_blood_and_every_opening() {
+        let options = FlowOptions { split: OutletSplit::Fractions(vec![0.25, 0.75]), ..FlowOptions::default() };
+        let (journal, profile) = files(&options);
+        let lines: Vec<&str> = journal.lines().filter(|l| !l.starts_with(';')).collect();
+        assert!(lines.iter().all(|l| l.starts_with('/')), "{journal}");
+        let order = ["read-case \"lumen.msh\"", "/mesh/check", "constant 1060 no no yes constant 0.003498", "material yes blood", "velocity-inlet inlet", "outflow outlet_1 0.25", "outflow outlet_2 0.75", "iterate"];
+        let mut at = 0;
+        for word in order {
+            at += journal[at..].find(word).unwrap_or_else(|| panic!("no {word} in its place:\n{journal}"));
+        }
+        // One value a face, in metres; the cube's inlet has two faces.
+        let profile = profile.expect("a profile");
+        assert!(profile.starts_with("((inlet point 2)\n(x\n0e0\n0e0)\n(y\n"), "{profile}");
+        assert_eq!(profile.matches('(').count(), profile.matches(')').count());
+    }
+
+    #[test]
+    fn resistances_other_fluids_and_beats_are_expressions_and_tables() {
+        let wave = Waveform { times: vec![0.0, 0.8], flow: vec![2e-6, 2e-6] };
+        let options = FlowOptions {
+            split: OutletSplit::Resistance(vec![1e9, 2e9]),
+            viscosity: Viscosity::CARREAU,
+            waveform: Some(wave),
+            inflow: Inflow::Reynolds(1.0),
+            ..FlowOptions::default()
+        };
+        let (journal, profile) = files(&options);
+        for word in ["StrainRate", "MassFlow(['outlet_2'])", "unsteady-2nd-order", "dual-time-iterate 1200"] {
+            assert!(journal.contains(word), "no {word}:\n{journal}");
+        }
+        assert!(profile.expect("a profile").starts_with("((inlet transient 2 1)\n(time\n0e0\n8e-1)\n(vmag\n"));
+        assert_eq!(warnings(&options).len(), 1);
+    }
+}
