@@ -7,14 +7,15 @@ import foam, pictures, tools
 from tools import check
 
 SCALES = (1.6, 1.25, 1.0, 0.8)
+LAYER_SCALES = (2.0, 1.6, 1.25)      # with four prism layers
 REAL_SCALES = (1.6, 1.0)
 
 
-def solve(name, case, scale):
+def solve(name, case, scale, layers=0):
     """One mesh size: its row, and what a picture needs."""
     # OpenFOAM cannot work in a path with spaces.
-    out = tools.WORK / "c" / f"{name}_{scale}".replace(" ", "_")
-    report = tools.mesh(case, out, [f"surface.scale={scale}", "exports=[openfoam]"])
+    out = tools.WORK / "c" / f"{name}_{scale}_{layers}".replace(" ", "_")
+    report = tools.mesh(case, out, [f"surface.scale={scale}", f"volume.boundary_layers.count={layers}", "exports=[openfoam]"])
     folder = out / "openfoam"
     solved = foam.solve(folder)
     mesh = foam.Mesh(folder)
@@ -23,7 +24,7 @@ def solve(name, case, scale):
     residual = max(v[-1] for v in foam.residuals(folder).values())
     outlets = [n for n in mesh.patches if n.startswith("outlet")]
     row = {
-        "name": name, "scale": scale, "status": report["status"], "cells": mesh.cells, "h": 1e3 * float((mesh.volume.sum() / mesh.cells) ** (1 / 3)),
+        "name": name, "scale": scale, "layers": layers, "status": report["status"], "cells": mesh.cells, "h": 1e3 * float((mesh.volume.sum() / mesh.cells) ** (1 / 3)),
         **solved, "residual": residual, "wss_mean": tools.mean(wss, size), "wss_p99": tools.percentile(wss, size, 0.99), "wss_max": float(wss.max()),
         "low_area": float(size[wss < 0.4].sum() / size.sum()),
         "dp": rho * (foam.monitored(folder, "p_inlet") - foam.monitored(folder, f"p_{outlets[0]}")),
@@ -31,20 +32,6 @@ def solve(name, case, scale):
     }
     print(row, flush=True)
     return row, (mesh, wss)
-
-
-def convergence(rows, key):
-    """Observed order, extrapolated value and the finest mesh's error estimate (%), by least squares on f(h) = f0 + a h^p."""
-    h = np.array([r["h"] for r in rows])
-    f = np.array([r[key] for r in rows])
-    best = None
-    for p in np.arange(0.5, 4.01, 0.05):
-        a = np.stack([np.ones_like(h), h ** p], 1)
-        x, *_ = np.linalg.lstsq(a, f, rcond=None)
-        miss = float(np.sum((a @ x - f) ** 2))
-        if best is None or miss < best[0]:
-            best = (miss, float(p), float(x[0]))
-    return {"order": best[1], "extrapolated": best[2], "finest_error": 100 * float(f[-1] / best[2] - 1), "coarsest_error": 100 * float(f[0] / best[2] - 1)}
 
 
 def run(masks):
@@ -57,7 +44,7 @@ def run(masks):
     top = 1.1 * rows[-1]["wss_p99"]
     panels = [(*shown[s], f"WSS, edge length x {s}, {shown[s][0].cells} cells") for s in (SCALES[0], SCALES[-1])]
     pictures.wall(tools.RESULTS / "c_phantom.png", panels, top)
-    grid = {key: convergence(rows, key) for key in ("wss_mean", "wss_p99", "dp")}
+    rows += [solve("aneurysm phantom", phantom / "case.yaml", s, 4)[0] for s in LAYER_SCALES]
     checks = []
     for mask in masks:
         case = tools.WORK / f"c/{mask.stem}.yaml"
@@ -67,8 +54,7 @@ def run(masks):
         panels = [(*s, f"WSS, edge length x {r['scale']}, {r['cells']} cells") for r, s in real]
         pictures.wall(tools.RESULTS / f"c_{mask.name.split('.')[0]}.png", panels, 1.1 * real[-1][0]["wss_p99"])
     for r in rows:
-        checks.append(check(f"{r['name']}, edge length x {r['scale']}: largest residual", r["residual"], 1e-5))
+        layers = ", 4 layers" if r["layers"] else ""
+        checks.append(check(f"{r['name']}, edge length x {r['scale']}{layers}: largest residual", r["residual"], 1e-5))
     checks.append(check("largest mass imbalance (%)", max(r["imbalance"] for r in rows), 0.01))
-    checks.append(check("phantom: error of the mean WSS on the mesh of default size, by the series (%)",
-                        abs(100 * (next(r for r in rows if r["scale"] == 1.0)["wss_mean"] / grid["wss_mean"]["extrapolated"] - 1)), 10))
-    return {"rows": rows, "grid": grid, "checks": checks}
+    return {"rows": rows, "checks": checks}

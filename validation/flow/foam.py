@@ -103,6 +103,13 @@ def residuals(case):
     return out
 
 
+def iterations_to(case, residual):
+    """Iterations until all initial residuals stay below `residual`; None where they never do."""
+    worst = [max(r) for r in zip(*residuals(case).values())]
+    above = [i for i, r in enumerate(worst) if r > residual]
+    return above[-1] + 2 if above and above[-1] + 1 < len(worst) else (1 if not above else None)
+
+
 def monitored(case, name):
     """Last value of a patch monitor."""
     text = next((Path(case) / "postProcessing" / name).rglob("*.dat")).read_text()

@@ -263,7 +263,7 @@ fn schemes(steady: bool) -> String {
 fn solution(steady: bool) -> String {
     let linear = "    p { solver GAMG; smoother DICGaussSeidel; tolerance 1e-9; relTol 0.05; }\n    pFinal { $p; relTol 0; }\n    U { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-10; relTol 0.1; }\n    UFinal { $U; relTol 0; }\n";
     let rest = if steady {
-        "SIMPLE\n{\n    nNonOrthogonalCorrectors 1;\n    consistent yes;\n    residualControl { p 1e-5; U 1e-6; }\n}\nrelaxationFactors { equations { U 0.8; } }\n"
+        "SIMPLE\n{\n    nNonOrthogonalCorrectors 1;\n    consistent yes;\n    residualControl { p 1e-5; U 1e-6; }\n}\nrelaxationFactors { equations { U 0.9; } }\n"
     } else {
         "PIMPLE\n{\n    nOuterCorrectors 2;\n    nCorrectors 2;\n    nNonOrthogonalCorrectors 1;\n}\nrelaxationFactors { equations { \".*\" 1; } }\n"
     };
