@@ -7,6 +7,7 @@ mod input;
 mod options;
 mod results;
 mod retry;
+mod series;
 mod survey;
 
 use std::path::PathBuf;
@@ -16,6 +17,7 @@ use std::time::Instant;
 pub use error::{Error, ErrorKind};
 use input::Source;
 pub use results::write;
+pub use series::run_and_write;
 pub use survey::Survey;
 
 use crate::centerline::{self, Centerlines};
@@ -145,6 +147,8 @@ pub struct Outcome {
     pub surface_skewness: Vec<f64>,
     /// Skewness of each cell, tetrahedra first.
     pub cell_skewness: Vec<f64>,
+    /// Thickness of the prism layers at each vertex of the surface, mm, as made and as wished; empty without layers.
+    pub layer_thickness: (Vec<f64>, Vec<f64>),
     /// Centerlines of all components.
     pub centerlines: Centerlines,
     /// Openings of all components.
@@ -206,6 +210,7 @@ pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
         curvature: Vec::new(),
         surface_skewness: Vec::new(),
         cell_skewness: Vec::new(),
+        layer_thickness: Default::default(),
         centerlines: Centerlines::default(),
         openings: Vec::new(),
         volume: None,
@@ -318,7 +323,12 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         let sizes = Sizes(&parts);
         let (mut cells, built) = clock.run(
             "volume",
-            || volume::build(&surface, &sizes, &options::volume(case, &context.worker), Some(context.cancel)),
+            || {
+                let [x, y, z] = outcome.mask.grid.spacing();
+                let options = options::volume(case, &context.worker, x.min(y).min(z));
+                let expect = |cells: u64| context.progress.explain(&format!("about {cells} tetrahedra are to be expected"));
+                volume::build_watched(&surface, &sizes, &options, Some(context.cancel), &expect)
+            },
             |(v, _)| format!("{} tetrahedra, {} prisms", v.tets.len(), v.prisms.len()),
         )?;
         for w in built.layers.iter().flat_map(|l| &l.warnings) {
@@ -332,6 +342,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         outcome.report.put("volume", &measured);
         results::contract_keys(&mut outcome.report, &measured);
         outcome.report.put_in("volume", "build", &built);
+        outcome.layer_thickness = (built.thickness, built.wished_thickness);
         let faults = results::boundary_faces_unlike(&surface, &cells);
         gates::volume(&mut outcome.report, case, &measured, faults);
         outcome.cell_skewness = measured.per_cell;

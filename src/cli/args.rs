@@ -34,6 +34,8 @@ pub enum Command {
     Mesh(MeshArgs),
     /// Report the quality of any STL, VTP, PLY, VTU, OpenFOAM case or .msh.
     Check(CheckArgs),
+    /// Observed order and grid convergence index from the filled table of a series.
+    Convergence(ConvergenceArgs),
     /// Write a built-in case with exact truth: mask.nrrd, truth.json, case.yaml.
     Phantom(PhantomArgs),
     /// Run many cases, one folder each, worst first in cohort.html.
@@ -53,6 +55,14 @@ pub enum Command {
     },
     /// Print the manual page (roff).
     Man,
+}
+
+/// `lumenmesh convergence`
+#[derive(Debug, Clone, Args)]
+pub struct ConvergenceArgs {
+    /// `series/convergence.csv` with a figure of the flow entered for each mesh.
+    #[arg(value_name = "TABLE")]
+    pub table: PathBuf,
 }
 
 /// What `run` and `mesh` share.

@@ -11,6 +11,7 @@ mod args;
 mod batch;
 mod check;
 mod console;
+mod convergence;
 mod exit;
 mod init;
 mod output;
@@ -71,6 +72,7 @@ pub fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Run(a) => run::run(a),
         Command::Mesh(a) => run::mesh(a),
         Command::Check(a) => check::run(a),
+        Command::Convergence(a) => convergence::run(a),
         Command::Phantom(a) => phantom::run(a),
         Command::Batch(a) => batch::run(a),
         Command::Init(a) => init::run(a),

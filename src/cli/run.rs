@@ -56,8 +56,7 @@ pub fn run_case(case: &Case, output: &Path, stage: Stage, progress: &dyn pipelin
     let staging = Staging::new(output)?;
     let worker = std::env::current_exe().map_err(|e| Failure::new(exit::ENGINE, e))?;
     let context = pipeline::Context { stop_after: stage, progress, cancel: &console::CANCELLED, worker };
-    let outcome = pipeline::run(case, &context)?;
-    let report = pipeline::write(&outcome, case, staging.path(), &context)?;
+    let report = pipeline::run_and_write(case, staging.path(), &context)?;
     staging.publish()?;
     Ok(report)
 }

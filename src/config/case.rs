@@ -429,7 +429,8 @@ pub struct OneExtension {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Volume {
-    /// Largest edge length inside; `auto` grows from the surface's inwards.
+    /// Largest edge length inside, in mm, voxels or parts of the local radius; `auto` (a third of the radius) grows from the
+    /// surface's inwards. The surface's own edges stay.
     pub edge_length: AutoLength,
     /// Growth of the edge length per length inwards. Default 0.2.
     #[schemars(range(min = 0.0, max = 2.0))]
@@ -439,7 +440,8 @@ pub struct Volume {
     pub target_cells: Option<usize>,
     /// Prism layers on the wall.
     pub boundary_layers: BoundaryLayers,
-    /// Number of meshes of one case, from coarse to fine; 1 makes the one mesh.
+    /// Number of meshes of one case, from coarse to fine, edge lengths a factor 1.4 apart, in `series/`; 1 makes the one
+    /// mesh. 3 gives `coarse`, `medium` (the size asked for) and `fine`.
     pub series: u32,
     /// Seconds that the volume engine may take; it fails after that.
     #[schemars(range(min = 1.0, max = 1e7))]
@@ -470,12 +472,13 @@ pub struct BoundaryLayers {
     /// Number of layers; 0 makes none.
     #[schemars(range(min = 0, max = 50))]
     pub count: u32,
-    /// Height of the layer on the wall; `auto` follows from total, count and growth.
+    /// Height of the layer on the wall, never so large that all layers exceed `total`; `auto` follows from total, count
+    /// and growth.
     pub first_height: AutoLength,
     /// Height of a layer over that of the one below. Default 1.2.
     #[schemars(range(min = 0.5, max = 3.0))]
     pub growth: f64,
-    /// Height of all layers together. Default `0.25 R`.
+    /// Height of all layers together, a part of the local radius: they grow thinner where space is short. Default `0.25 R`.
     pub total: Length,
 }
 

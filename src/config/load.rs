@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::case::{Case, Labels};
 use super::explain::{explain, locate};
-use super::length::{AutoLength, Unit};
+use super::length::Unit;
 
 /// Why a case file cannot be used.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -160,13 +160,6 @@ fn check(case: &Case) -> Result<(), (String, String)> {
         Some(l) if l.unit != Unit::Millimetre || l.value <= 0.0 => return fail("input.spacing", "give it in mm, such as `0.2 mm`".into()),
         _ => {}
     }
-    // Keys of the contract that this version does not act on are refused, not ignored.
-    if case.volume.series > 1 {
-        return fail("volume.series", "series are not available in this version: run the case with several values of surface.scale".into());
-    }
-    if matches!(case.volume.edge_length, AutoLength::Given(l) if l.unit != Unit::Radius) {
-        return fail("volume.edge_length", "give a part of the local radius, such as `0.3 R`, or volume.target_cells".into());
-    }
     let range = |key: &str, v: f64, lo: f64, hi: f64| {
         if v.is_finite() && (lo..=hi).contains(&v) {
             Ok(())
@@ -199,6 +192,12 @@ fn check(case: &Case) -> Result<(), (String, String)> {
     }
     if let Some(offset) = case.reconstruction.offset {
         range("reconstruction.offset", offset, -1.0, 1.0)?;
+    }
+    if case.volume.boundary_layers.count > 0 && matches!(case.volume.boundary_layers.total.unit, Unit::Millimetre | Unit::Voxel) {
+        return fail(
+            "volume.boundary_layers.total",
+            "give a part of the local radius, such as `0.25 R`; a fixed height goes into first_height".into(),
+        );
     }
     range("volume.growth", case.volume.growth, 0.0, 2.0)?;
     range("volume.boundary_layers.growth", case.volume.boundary_layers.growth, 0.5, 3.0)?;

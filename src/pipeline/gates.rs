@@ -64,6 +64,11 @@ pub fn volume(report: &mut Report, case: &Case, q: &VolumeQuality, boundary_faul
     let aim = if q.prisms > 0 { 0.85 } else { 0.80 };
     report.gate(Gate::advisory("equi-volume skewness aimed at, max", q.sv_max, Limit::AtMost(aim)));
     report.gate(Gate::advisory("equi-volume skewness aimed at, mean", q.sv_mean, Limit::AtMost(0.28)));
+    if let (Some(least), Some(largest)) = (q.min_dihedral, q.max_dihedral) {
+        report.gate(Gate::advisory("dihedral angle of a tetrahedron aimed at, least (degrees)", least, Limit::AtLeast(15.0)));
+        report.gate(Gate::advisory("dihedral angle of a tetrahedron aimed at, largest (degrees)", largest, Limit::AtMost(155.0)));
+    }
+    report.gate(Gate::advisory("FLUENT orthogonal quality aimed at, min", q.fluent.orthogonal_quality_min, Limit::AtLeast(0.15)));
     let f = &q.openfoam;
     report.gate(Gate::hard("OpenFOAM non-orthogonality, max (degrees)", f.non_orthogonality_max, Limit::AtMost(g.max_non_orthogonality)));
     report.gate(Gate::hard("OpenFOAM skewness, max", f.skewness_max, Limit::Below(g.max_openfoam_skewness)));

@@ -83,14 +83,18 @@ pub fn repair(case: &Case) -> RepairOptions {
     }
 }
 
-pub fn volume(case: &Case, worker: &Path) -> BuildOptions {
+/// The volume stage's options; lengths in voxels are of the smallest edge.
+pub fn volume(case: &Case, worker: &Path, voxel: f64) -> BuildOptions {
     let v = &case.volume;
     let mut sizing =
         SizingOptions { growth: v.growth, target_cells: v.target_cells.map(|n| n as u64), ..SizingOptions::default() };
-    if let AutoLength::Given(l) = v.edge_length
-        && l.unit == config::Unit::Radius
-    {
-        sizing.radius_fraction = l.value;
+    if let AutoLength::Given(l) = v.edge_length {
+        match l.unit {
+            // Of the local radius, not of one for the whole case.
+            config::Unit::Radius => sizing.radius_fraction = l.value,
+            config::Unit::Diameter => sizing.radius_fraction = 2.0 * l.value,
+            config::Unit::Millimetre | config::Unit::Voxel => sizing.max_edge = Some(l.to_mm(voxel, f64::NAN)),
+        }
     }
     let worker = WorkerOptions {
         executable: Some(worker.to_path_buf()),
@@ -99,16 +103,20 @@ pub fn volume(case: &Case, worker: &Path) -> BuildOptions {
         ..WorkerOptions::default()
     };
     let b = &v.boundary_layers;
-    let layers = (b.count > 0).then(|| LayerOptions {
-        count: b.count,
-        growth: b.growth,
-        total: b.total.value * if b.total.unit == config::Unit::Diameter { 2.0 } else { 1.0 },
-        first_height: match b.first_height {
-            AutoLength::Given(l) if l.unit == config::Unit::Millimetre => Some(l.value),
-            _ => None,
-        },
-        ..LayerOptions::default()
-    });
+    let radii = |l: Length| l.value * if l.unit == config::Unit::Diameter { 2.0 } else { 1.0 };
+    let mut total = radii(b.total);
+    let first_height = match b.first_height {
+        AutoLength::Given(l) if matches!(l.unit, config::Unit::Millimetre | config::Unit::Voxel) => Some(l.to_mm(voxel, f64::NAN)),
+        AutoLength::Given(l) => {
+            // A part of the local radius: so is the thickness of all layers then.
+            let series: f64 = (0..b.count).map(|k| b.growth.powi(k as i32)).sum();
+            total = total.min(radii(l) * series);
+            None
+        }
+        AutoLength::Auto => None,
+    };
+    let layers = (b.count > 0)
+        .then(|| LayerOptions { count: b.count, growth: b.growth, total, first_height, ..LayerOptions::default() });
     BuildOptions { layers, fill: VolumeOptions { sizing, worker }, ..BuildOptions::default() }
 }
 

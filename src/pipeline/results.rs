@@ -340,6 +340,11 @@ fn files_of_surface(outcome: &Outcome, surface: &TriMesh, case: &Case, dir: &Pat
     if outcome.curvature.len() == surface.points.len() {
         extra.point.push(Array::scalars("GaussianCurvature", Values::F64(outcome.curvature.clone())));
     }
+    let (made, wished) = &outcome.layer_thickness;
+    if made.len() == surface.points.len() {
+        extra.point.push(Array::scalars("LayerThickness", Values::F64(made.clone())));
+        extra.point.push(Array::scalars("LayerThicknessWished", Values::F64(wished.clone())));
+    }
     create(&dir.join("lumen.vtp"), |w| vtp::write_surface(w, surface, &extra))?;
     create(&dir.join("centerlines.vtp"), |w| vtp::write_centerlines(w, &outcome.centerlines))?;
     if case.exports.contains(&Export::Stl) {

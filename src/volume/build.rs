@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 use serde::Serialize;
 
 use super::layers::{self, LayerOptions, LayerSummary};
-use super::optimise::{OptimiseOptions, OptimiseSummary, optimise};
-use super::{Error, Summary, VolumeOptions, check_surface, fill_cancellable};
+use super::optimise::{OptimiseOptions, OptimiseSummary, optimise_until};
+use super::{Error, Summary, VolumeOptions, cancelled, check_surface, fill_and};
 use crate::mesh::{TriMesh, VolumeMesh};
 use crate::remesh::SizeField;
 
@@ -58,8 +58,22 @@ pub fn build(
     options: &BuildOptions,
     cancel: Option<&AtomicBool>,
 ) -> Result<(VolumeMesh, BuildSummary), Error> {
+    build_watched(surface, size, options, cancel, &|_| ())
+}
+
+/// As [`build`]; `expect` hears the number of tetrahedra to expect before the work on them starts.
+///
+/// # Errors
+/// As [`build`].
+pub fn build_watched(
+    surface: &TriMesh,
+    size: &dyn SizeField,
+    options: &BuildOptions,
+    cancel: Option<&AtomicBool>,
+    expect: &dyn Fn(u64),
+) -> Result<(VolumeMesh, BuildSummary), Error> {
     let Some(wanted) = options.layers.as_ref().filter(|l| l.count > 0) else {
-        let (mesh, fill, optimise) = tetrahedra(surface, size, options, cancel)?;
+        let (mesh, fill, optimise) = tetrahedra(surface, size, options, cancel, expect)?;
         let none = vec![];
         return Ok((mesh, BuildSummary { layers: None, fill, optimise, thickness: none.clone(), wished_thickness: none }));
     };
@@ -80,7 +94,7 @@ pub fn build(
     }
     check_surface(surface)?;
     let (grown, summary) = layers::grow(surface, wanted).ok_or(Error::Layers)?;
-    let (mesh, fill, optimise) = tetrahedra(&grown.inner, &Edges, options, cancel)?;
+    let (mesh, fill, optimise) = tetrahedra(&grown.inner, &Edges, options, cancel, expect)?;
     let (thickness, wished_thickness) = (grown.thickness.clone(), grown.wished.clone());
     let mesh = grown.join(mesh);
     Ok((mesh, BuildSummary { layers: Some(summary), fill, optimise, thickness, wished_thickness }))
@@ -100,11 +114,13 @@ fn tetrahedra(
     size: &dyn SizeField,
     options: &BuildOptions,
     cancel: Option<&AtomicBool>,
+    expect: &dyn Fn(u64),
 ) -> Result<(VolumeMesh, Summary, Option<OptimiseSummary>), Error> {
-    let (mut mesh, mut fill) = fill_cancellable(surface, size, &options.fill, cancel)?;
-    let optimised = options.optimise.as_ref().map(|o| optimise(&mut mesh, o));
-    fill.cells = mesh.tets.len();
-    if cancel.is_some_and(|c| c.load(std::sync::atomic::Ordering::Relaxed)) {
+    let mut optimised = None;
+    let (mesh, fill) = fill_and(surface, size, &options.fill, cancel, expect, &mut |mesh| {
+        optimised = options.optimise.as_ref().map(|o| optimise_until(mesh, o, &|| cancelled(cancel)));
+    })?;
+    if cancelled(cancel) {
         return Err(Error::Cancelled);
     }
     Ok((mesh, fill, optimised))

@@ -25,7 +25,7 @@ use crate::mesh::intersect::self_intersections;
 use crate::mesh::{BoundaryFace, Patch, TriMesh, VolumeMesh};
 use crate::remesh::SizeField;
 
-pub use build::{BuildOptions, BuildSummary, build};
+pub use build::{BuildOptions, BuildSummary, build, build_watched};
 pub use check::SurfaceFault;
 pub use layers::{LayerOptions, LayerSummary};
 pub use optimise::{OptimiseOptions, OptimiseSummary, optimise};
@@ -140,26 +140,42 @@ pub fn fill_cancellable(
     options: &VolumeOptions,
     cancel: Option<&AtomicBool>,
 ) -> Result<(VolumeMesh, Summary), Error> {
+    fill_and(surface, size, options, cancel, &|_| (), &mut |_| ())
+}
+
+/// As [`fill_cancellable`]; `expect` hears the number of cells to expect before the work starts, `finish` works on the
+/// mesh before its sizes are held against the wished ones.
+fn fill_and(
+    surface: &TriMesh,
+    size: &dyn SizeField,
+    options: &VolumeOptions,
+    cancel: Option<&AtomicBool>,
+    expect: &dyn Fn(u64),
+    finish: &mut dyn FnMut(&mut VolumeMesh),
+) -> Result<(VolumeMesh, Summary), Error> {
     options.sizing.check()?;
     check_surface(surface)?;
     let bvh = TriangleBvh::new(surface);
     let sizing = sizing::Sizing::new(surface, &bvh, size, &options.sizing);
+    expect(sizing.estimate());
     let interior = packing::pack(surface, &sizing, &|| cancelled(cancel));
     if cancelled(cancel) {
         return Err(Error::Cancelled);
     }
     let (points, tets, attempts) = tetrahedralize(surface, &interior, &sizing, &options.worker, cancel)?;
+    let boundary = surface.triangles.iter().zip(&surface.patch).map(|(&t, &p)| BoundaryFace::triangle(t, p)).collect();
+    let patches = if surface.patches.is_empty() { vec![Patch::wall()] } else { surface.patches.clone() };
+    let mut mesh = VolumeMesh { points, tets, prisms: vec![], boundary, patches };
+    finish(&mut mesh);
     let summary = Summary {
         estimated_cells: sizing.estimate(),
-        cells: tets.len(),
+        cells: mesh.tets.len(),
         interior_points: interior.len(),
         size_factor: sizing.factor(),
         attempts,
-        size_ratio: sizing::size_ratio(&sizing, surface.points.len(), &points, &tets),
+        size_ratio: sizing::size_ratio(&sizing, surface.points.len(), &mesh.points, &mesh.tets),
     };
-    let boundary = surface.triangles.iter().zip(&surface.patch).map(|(&t, &p)| BoundaryFace::triangle(t, p)).collect();
-    let patches = if surface.patches.is_empty() { vec![Patch::wall()] } else { surface.patches.clone() };
-    Ok((VolumeMesh { points, tets, prisms: vec![], boundary, patches }, summary))
+    Ok((mesh, summary))
 }
 
 fn cancelled(cancel: Option<&AtomicBool>) -> bool {

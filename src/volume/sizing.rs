@@ -16,13 +16,15 @@ pub struct SizingOptions {
     pub growth: f64,
     /// Largest edge as a part of the local radius (of the largest ball inside that touches the wall there).
     pub radius_fraction: f64,
+    /// Largest edge, mm, where given; the surface's own edges stay as they are.
+    pub max_edge: Option<f64>,
     /// Wished number of cells; interior sizes are scaled within a factor of 4 to come near. The surface stays.
     pub target_cells: Option<u64>,
 }
 
 impl Default for SizingOptions {
     fn default() -> Self {
-        SizingOptions { growth: 0.2, radius_fraction: 1.0 / 3.0, target_cells: None }
+        SizingOptions { growth: 0.2, radius_fraction: 1.0 / 3.0, max_edge: None, target_cells: None }
     }
 }
 
@@ -34,6 +36,9 @@ impl SizingOptions {
         if !(0.02..=10.0).contains(&self.radius_fraction) {
             let value = self.radius_fraction;
             return Err(Error::Option { option: "radius_fraction", value, must: "between 0.02 and 10" });
+        }
+        if let Some(value) = self.max_edge.filter(|h| !(h.is_finite() && *h > 0.0)) {
+            return Err(Error::Option { option: "max_edge", value, must: "above 0" });
         }
         if self.target_cells == Some(0) {
             return Err(Error::Option { option: "target_cells", value: 0.0, must: "at least 1" });
@@ -98,7 +103,7 @@ impl<'a> Sizing<'a> {
             .into_par_iter()
             .map(|v| {
                 let r = inscribed_radius(bvh, &surface.points[v], &normal[v], wall[v], reach);
-                (options.radius_fraction * r).max(wall[v])
+                (options.radius_fraction * r).min(options.max_edge.unwrap_or(f64::INFINITY)).max(wall[v])
             })
             .collect();
         let cap = smooth_lower(surface, cap, 0.3);

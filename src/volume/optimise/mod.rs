@@ -92,6 +92,11 @@ pub struct OptimiseSummary {
 /// the worst at the beginning; one with two faces on the boundary counts as worse than any other, since OpenFOAM's
 /// determinant is 0 there. Not guaranteed: that the targets are reached, when the surface does not allow it.
 pub fn optimise(mesh: &mut VolumeMesh, options: &OptimiseOptions) -> OptimiseSummary {
+    optimise_until(mesh, options, &|| false)
+}
+
+/// As [`optimise`]; ends early, with a valid mesh that is not as good, once `stop` says so.
+pub(super) fn optimise_until(mesh: &mut VolumeMesh, options: &OptimiseOptions, stop: &dyn Fn() -> bool) -> OptimiseSummary {
     let begin = std::time::Instant::now();
     let boundary = check_free_boundary(mesh);
     let mut c = Complex::new(std::mem::take(&mut mesh.points), std::mem::take(&mut mesh.tets), boundary.into_iter());
@@ -106,13 +111,16 @@ pub fn optimise(mesh: &mut VolumeMesh, options: &OptimiseOptions) -> OptimiseSum
     for half in 0..2 {
         let colours = smooth::colours(&c);
         for _ in 0..options.smoothing_rounds.div_ceil(1 + half) {
+            if stop() {
+                break;
+            }
             s.smoothed += smooth::sweep(&mut c, &colours);
         }
         c.rescore();
         let mut effort = Effort::new(work, (half > 0).then_some(insert), true);
         for _ in 0..options.passes.div_ceil(2) {
             s.passes += 1;
-            if exchange(&mut c, &mut effort, &mut s) == 0 {
+            if stop() || exchange(&mut c, &mut effort, &mut s) == 0 {
                 break;
             }
         }
@@ -121,6 +129,9 @@ pub fn optimise(mesh: &mut VolumeMesh, options: &OptimiseOptions) -> OptimiseSum
     c.strict = true;
     c.rescore();
     for _ in 0..3 {
+        if stop() {
+            break;
+        }
         let done = wedges(&mut c, &mut s);
         let mut effort = Effort::new(insert, Some(insert), true);
         for _ in 0..3 {
@@ -131,6 +142,9 @@ pub fn optimise(mesh: &mut VolumeMesh, options: &OptimiseOptions) -> OptimiseSum
         }
     }
     for round in 0..options.restarts {
+        if stop() {
+            break;
+        }
         restart::restart(&mut c, 1.0 - options.restart_above, round, &mut s);
     }
     s.after = measure(&c);
