@@ -51,7 +51,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     if let Some(file) = given("--vtu") {
         vtu::write(&mut std::io::BufWriter::new(std::fs::File::create(file)?), &mesh, &q.per_cell, &Default::default())?;
     }
-    let out = serde_json::json!({"seconds": seconds, "build": summary, "quality": q});
+    let times = serde_json::json!({
+        "all": seconds,
+        "tetgen": summary.fill.attempts.iter().map(|a| a.seconds).sum::<f64>(),
+        "optimiser": summary.optimise.as_ref().map_or(0.0, |o| o.seconds),
+    });
+    let out = serde_json::json!({"seconds": times, "build": summary, "quality": q});
     println!("{}", serde_json::to_string_pretty(&out)?);
     Ok(())
 }

@@ -19,7 +19,7 @@ fn lumenmesh(arguments: &[&str], dir: &Path) {
 fn a_series_has_three_meshes_with_the_same_patches_and_a_table_to_fill() {
     let dir = tempfile::tempdir().expect("a folder");
     lumenmesh(&["phantom", "tube", "-o", "case"], dir.path());
-    lumenmesh(&["run", "case/case.yaml", "-o", "out", "--quiet", "--set", "surface.scale=2", "--set", "volume.series=3"], dir.path());
+    lumenmesh(&["run", "case/case.yaml", "-o", "out", "--quiet", "--set", "surface.scale=1.4", "--set", "volume.series=3"], dir.path());
     let out = dir.path().join("out");
     let all = report(&out);
     let mut sizes = vec![];
@@ -40,24 +40,4 @@ fn a_series_has_three_meshes_with_the_same_patches_and_a_table_to_fill() {
     let table = fs::read_to_string(out.join("series/convergence.csv")).expect("a table");
     assert_eq!(table.lines().count(), 4);
     assert!(table.starts_with("mesh,folder,cells,h_mm,ratio,figure\ncoarse,series/coarse,"), "{table}");
-}
-
-#[test]
-fn a_length_in_millimetres_bounds_the_edges_inside() {
-    let dir = tempfile::tempdir().expect("a folder");
-    lumenmesh(&["phantom", "tube", "-o", "case"], dir.path());
-    let cells = |name: &str, length: &str| {
-        let set = format!("volume.edge_length={length}");
-        lumenmesh(&["run", "case/case.yaml", "-o", name, "--quiet", "--set", "surface.scale=1.5", "--set", &set], dir.path());
-        let report = report(&dir.path().join(name));
-        let ratio: Vec<f64> =
-            report["volume"]["build"]["fill"]["size_ratio"].as_array().expect("ratios").iter().filter_map(Value::as_f64).collect();
-        assert!(ratio[0] > 1.0 / 1.5 && ratio[2] < 1.5, "sizes hold within a factor 1.5: {ratio:?}");
-        let (estimate, made) = (&report["volume"]["build"]["fill"]["estimated_cells"], &report["volume"]["tets"]);
-        let off = estimate.as_f64().expect("an estimate") / made.as_f64().expect("cells");
-        assert!((0.6..1.6).contains(&off), "{off}");
-        made.as_u64().expect("cells")
-    };
-    let (free, bounded) = (cells("free", "auto"), cells("bounded", "0.45 mm"));
-    assert!(bounded as f64 > 1.1 * free as f64, "{free} {bounded}");
 }

@@ -102,3 +102,20 @@ fn any_number_of_threads_gives_the_same_mesh() {
     };
     assert!(with(1) == with(3));
 }
+
+#[test]
+fn a_length_in_millimetres_bounds_the_edges_inside() {
+    let s = vessels::straight(2.0, 5.0, 6);
+    let with = |max_edge: Option<f64>| {
+        let mut o = options();
+        o.sizing.max_edge = max_edge;
+        let (_, summary) = build(&s, &Uniform(f64::NAN), &BuildOptions { fill: o, ..BuildOptions::default() }, None).unwrap();
+        let (ratio, fill) = (summary.fill.size_ratio, &summary.fill);
+        assert!(ratio[0] > 1.0 / 1.5 && ratio[2] < 1.5, "sizes hold within a factor 1.5 after the optimiser too: {ratio:?}");
+        let off = fill.estimated_cells as f64 / fill.cells as f64;
+        assert!((0.6..1.6).contains(&off), "{off}");
+        fill.cells
+    };
+    let (free, bounded) = (with(None), with(Some(0.36)));
+    assert!(bounded as f64 > 1.15 * free as f64, "{free} {bounded}");
+}

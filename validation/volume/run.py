@@ -138,6 +138,9 @@ def check_mesh(folder):
         "FoamFile{version 2.0;format ascii;class dictionary;object controlDict;}\nstartFrom startTime;startTime 0;stopAt endTime;"
         "endTime 1;deltaT 1;writeControl timeStep;writeInterval 1;\n"
     )
+    head = "FoamFile{version 2.0;format ascii;class dictionary;object dictionary;}\n"
+    (folder / "system/fvSchemes").write_text(head + "ddtSchemes{} gradSchemes{} divSchemes{} laplacianSchemes{} interpolationSchemes{} snGradSchemes{}\n")
+    (folder / "system/fvSolution").write_text(head + "solvers{}\n")
     env = {"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ}
     log = subprocess.run(["checkMesh", "-allGeometry", "-allTopology"], cwd=folder, env=env, capture_output=True, text=True).stdout
     if "Mesh OK." in log:
@@ -158,9 +161,9 @@ def ours(case, surface, layers=0, cells=None):
     out = json.loads(done.stdout)
     build = out["build"]
     name = f"lumenmesh, {layers} layers" if layers else "lumenmesh"
-    r = row(case, name, out["quality"], out["seconds"], check_mesh(folder))
-    r["tetgen_seconds"] = sum(a["seconds"] for a in build["fill"]["attempts"])
-    r["optimiser_seconds"] = build["optimise"]["seconds"]
+    r = row(case, name, out["quality"], out["seconds"]["all"], check_mesh(folder))
+    r["tetgen_seconds"] = out["seconds"]["tetgen"]
+    r["optimiser_seconds"] = out["seconds"]["optimiser"]
     r["size_ratio"] = build["fill"]["size_ratio"]
     r["estimated_cells"] = build["fill"]["estimated_cells"]
     if build["layers"]:
