@@ -523,16 +523,18 @@ fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Res
             let made = retry::surface(&whole.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
                 cut_part(case, whole, attempt, places)
             });
-            match made {
-                Err(Error::Openings(openings::Error::NotSimple { name, at })) if moves > 0 && shift_inwards(part, &name) => {
-                    moves -= 1;
-                    let at = at.coords;
-                    report.warn(
-                        "openings",
-                        format!("opening `{name}`: the section at {:.3?} is not one simple loop; the plane was moved inwards by half a radius", at.as_slice()),
-                    );
-                }
+            let error = match made {
+                Err(Error::Openings(e)) => e,
                 other => break other?,
+            };
+            let name = error.opening().to_string();
+            if matches!(error, openings::Error::NotSimple { .. }) && moves > 0 && shift_inwards(part, &name) {
+                moves -= 1;
+                report.warn("openings", format!("{error}; it was found, not given, and moved inwards by half a radius"));
+            } else if leave_closed(part, &name) {
+                report.warn("openings", format!("{error}; it was found, not given: that end stays closed"));
+            } else {
+                return Err(error.into());
             }
         };
         if let Some(fraction) = made.front_fraction {
@@ -569,17 +571,29 @@ fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Res
     Ok(found.len())
 }
 
-/// Moves the plane of an opening that was found, not given, inwards by half its radius; false where it must stay.
-fn shift_inwards(part: &mut Part, name: &str) -> bool {
-    let extended = part.extensions.iter().any(|e| e.name() == name);
+/// Whether an opening was found, not given, and carries no extension: then it may be moved or left out.
+fn may_change(part: &Part, name: &str) -> bool {
     let given = |o: &Opening| o.found_by == openings::FoundBy::User;
-    if extended || !part.openings.iter().any(|o| o.name == name && !given(o)) {
-        return false;
-    }
-    for o in part.ends.iter_mut().chain(&mut part.openings).filter(|o| o.name == name) {
+    part.openings.iter().any(|o| o.name == name && !given(o)) && part.extensions.iter().all(|e| e.name() != name)
+}
+
+/// Moves the plane of an opening inwards by half its radius; false where it must stay.
+fn shift_inwards(part: &mut Part, name: &str) -> bool {
+    let may = may_change(part, name);
+    for o in part.ends.iter_mut().chain(&mut part.openings).filter(|o| may && o.name == name) {
         o.plane.origin -= o.plane.normal * (0.5 * o.radius);
     }
-    true
+    may
+}
+
+/// Leaves an opening out; false where it must stay.
+fn leave_closed(part: &mut Part, name: &str) -> bool {
+    let may = may_change(part, name);
+    if may {
+        part.ends.retain(|o| o.name != name);
+        part.openings.retain(|o| o.name != name);
+    }
+    may
 }
 
 /// The planes at which to cut: those detected, and what the user wants of them.

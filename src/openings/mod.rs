@@ -102,6 +102,15 @@ pub enum Error {
     },
 }
 
+impl Error {
+    /// Name of the opening that cannot be made.
+    pub fn opening(&self) -> &str {
+        match self {
+            Error::Misses { name, .. } | Error::Ring { name, .. } | Error::NothingLeft { name, .. } | Error::NotSimple { name, .. } => name,
+        }
+    }
+}
+
 /// The wall and the openings as patches, by id.
 pub fn patches(openings: &[Opening]) -> Vec<Patch> {
     let mut all = vec![Patch::wall()];
