@@ -38,7 +38,9 @@ pub(super) fn take_off(mask: &Mask, tube: &Tube, number: usize, marks: &mut [Mar
     let number = number as u16;
     let height = |p: &Point| tube.plane.signed_distance(p);
     let from_axis = |p: &Point| (tube.plane.project(p) - tube.plane.origin).norm();
-    let in_slab = |p: &Point| height(p).abs() <= 2.5 * diagonal && from_axis(p) <= 2.0 * tube.reach + diagonal;
+    // As far as the vessel goes over into the outline, and three voxels at least.
+    let thick = (2.5 * diagonal).max(tube.lead + 1.5 * diagonal);
+    let in_slab = |p: &Point| height(p).abs() <= thick && from_axis(p) <= 2.0 * tube.reach + diagonal;
     let mut stack: Vec<usize> = (0..marks.len())
         .filter(|&n| marks[n] == Mark::Kept)
         .filter(|&n| {
@@ -70,7 +72,7 @@ pub(super) fn take_off(mask: &Mask, tube: &Tube, number: usize, marks: &mut [Mar
                 continue;
             }
             marks[m] = Mark::Removed(number);
-            came_round |= from_axis(&p) < tube.reach && (-4.0 * diagonal..-2.5 * diagonal).contains(&height(&p));
+            came_round |= from_axis(&p) < tube.reach && (-thick - 1.5 * diagonal..-thick).contains(&height(&p));
             stack.push(m);
         }
     }

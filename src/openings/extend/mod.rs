@@ -158,18 +158,20 @@ impl<I: Implicit> Extended<I> {
         Ok(())
     }
 
+    fn mark(&self, p: &Point) -> Mark {
+        let x = self.grid.to_index(p);
+        let voxel = self.grid.linear(x[0].round() as i64, x[1].round() as i64, x[2].round() as i64);
+        voxel.map_or(Mark::Background, |n| self.marks[n])
+    }
+
     /// The vessel without what the openings take off.
     fn rest(&self, p: &Point) -> (f64, Vector) {
         let (f, g) = self.inner.value_gradient(p);
-        let x = self.grid.to_index(p);
-        let mark = self.grid.linear(x[0].round() as i64, x[1].round() as i64, x[2].round() as i64).map(|n| self.marks[n]);
-        let plane = match mark {
-            Some(Mark::Slab(n)) => &self.tubes[usize::from(n)].plane,
-            Some(Mark::Removed(n)) => &self.tubes[usize::from(n)].plane,
-            _ => return (f, g),
-        };
+        let mark = self.mark(p);
+        let (Mark::Slab(n) | Mark::Removed(n)) = mark else { return (f, g) };
+        let plane = &self.tubes[usize::from(n)].plane;
         let z = plane.signed_distance(p);
-        if z < 0.0 && matches!(mark, Some(Mark::Slab(_))) {
+        if z < 0.0 && matches!(mark, Mark::Slab(_)) {
             return (f, g);
         }
         let least = 1e-6 * self.inner.resolution();
@@ -184,7 +186,8 @@ impl<I: Implicit> Implicit for Extended<I> {
 
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
         let mut best = self.rest(p);
-        for tube in &self.tubes {
+        let mark = self.mark(p);
+        for (n, tube) in self.tubes.iter().enumerate() {
             let z = tube.plane.signed_distance(p);
             if z <= -tube.lead || z >= tube.end + tube.reach {
                 continue;
@@ -194,8 +197,8 @@ impl<I: Implicit> Implicit for Extended<I> {
                 if own.0 < best.0 {
                     best = own;
                 }
-            } else {
-                // From the vessel to the outline, with the slopes of both ends kept.
+            } else if mark == Mark::Slab(n as u16) {
+                // From the vessel to the outline, with the slopes of both ends kept; another vessel close by stays.
                 let (s, ds) = smoothstep(1.0 + z / tube.lead);
                 let g = best.1 * (1.0 - s) + own.1 * s + tube.plane.normal * (ds / tube.lead * (own.0 - best.0));
                 best = (best.0 * (1.0 - s) + own.0 * s, g);
