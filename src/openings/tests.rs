@@ -119,3 +119,16 @@ fn a_given_plane_replaces_the_detected_one_and_bad_ones_are_refused_with_a_place
     let e = apply_user(&mask, &lines, found, &plane(moved, side)).unwrap_err();
     assert!(matches!(e, UserError::Grazes { .. }), "{e}");
 }
+
+#[test]
+fn a_plane_on_the_very_tip_is_drawn_in_to_the_first_whole_section() {
+    let (mask, lines, found) = tube();
+    let own = &found[1];
+    // The tip lies a radius and more beyond the opening that was found.
+    let tip = own.plane.origin + own.plane.normal * own.radius;
+    let planes = vec![UserPlane { name: "out".into(), center: tip, normal: own.plane.normal, kind: None }];
+    let (list, warnings) = apply_user(&mask, &lines, found.clone(), &UserOpenings { planes, ..UserOpenings::default() }).unwrap();
+    let out = list.iter().find(|o| o.name == "out").unwrap();
+    assert!((out.plane.origin - own.plane.origin).norm() < 1.0 * own.radius, "{out:?}");
+    assert!(warnings.iter().any(|w| w.contains("further in")), "{warnings:?}");
+}

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::border::{Region, along_face};
+use super::border::{Region, along_face, disc_inside};
 use super::names::{self, Sized};
 use super::section::section;
 use super::{FoundBy, Opening};
@@ -61,7 +61,7 @@ pub enum UserError {
         nearest: [f64; 3],
     },
     /// The plane's normal points along the wall.
-    #[error("opening `{name}`: at {center:.3?} the normal is {angle:.0}° off the vessel's axis {axis:.3?}; the plane must cross the vessel: turn it to less than 60°")]
+    #[error("opening `{name}`: at {center:.3?} the normal is {angle:.0}° off the vessel's axis {axis:.3?}; the plane must cross the vessel: turn it to less than 75°")]
     Grazes {
         /// Opening.
         name: String,
@@ -221,14 +221,33 @@ fn resolve(
         _ => (i, plane.project(&sample.point)),
     };
     let sample = &branch.samples[at];
-    let cosine = plane.normal.dot(&sample.tangent);
+    // A chord, not the tangent: near a tip the axis turns aside.
+    let near = branch.samples.iter().filter(|s| (s.arc_length - sample.arc_length).abs() <= 1.5 * sample.radius);
+    let (first, last) = near.fold((sample, sample), |(a, b), s| {
+        (if s.arc_length < a.arc_length { s } else { a }, if s.arc_length > b.arc_length { s } else { b })
+    });
+    let axis = (last.point - first.point).try_normalize(0.0).unwrap_or(sample.tangent);
+    let cosine = plane.normal.dot(&axis);
     // A plane along the image's face opens whatever leaves there.
     let face = along_face(mask, &plane);
-    if cosine.abs() < 0.5 && !face {
-        let axis = if cosine < 0.0 { -sample.tangent } else { sample.tangent };
+    if cosine.abs() < MOST_OBLIQUE && !face {
+        let axis = if cosine < 0.0 { -axis } else { axis };
         return Err(UserError::Grazes { name, center, angle: cosine.abs().acos().to_degrees(), axis: axis.into() });
     }
-    let plane = Plane { origin, normal: plane.normal };
+    let mut plane = Plane { origin, normal: plane.normal };
+    let end = usize::from(cosine > 0.0);
+    let to_end = if end == 1 { branch.length() - sample.arc_length } else { sample.arc_length };
+    if !face && branch.ends[end] == EndKind::Free && to_end <= 1.5 * sample.radius + voxel {
+        let (drawn, way) = drawn_in(mask, &plane, sample.radius, voxel);
+        if way > 0.0 {
+            warnings.push(format!(
+                "opening `{}` lies at the tip of its vessel, where no section is whole: it is cut {way:.3} mm further in, at {:.3?} (LPS mm)",
+                user.name,
+                drawn.origin.coords.as_slice()
+            ));
+            plane = drawn;
+        }
+    }
     let Some(cut) = section(mask, &plane, 4.0 * sample.radius + 2.0 * voxel) else {
         return Err(misses(distance.max(0.0), sample.point.into()));
     };
@@ -239,7 +258,6 @@ fn resolve(
     let leaving = if face { Region::at(mask, &plane.origin) } else { None };
     let radius = leaving.map_or(sample.radius, |r| (r.area(mask) / std::f64::consts::PI).sqrt());
     // What lies beyond: from the plane to the branch's end on the normal's side.
-    let end = usize::from(cosine > 0.0);
     let beyond = if end == 1 { branch.length() - sample.arc_length } else { sample.arc_length };
     let whole: f64 = lines.branches.iter().filter(|o| o.component == branch.component).map(|o| o.length()).sum();
     let left = branch.length() - beyond;
@@ -266,4 +284,25 @@ fn resolve(
         confidence: 1.0,
         component: branch.component,
     })
+}
+
+/// Cosine of the largest angle between a plane's normal and the vessel's axis, 75 degrees.
+const MOST_OBLIQUE: f64 = 0.259;
+
+/// A plane near a tip, moved inwards to the first place whose section is whole: not cut short by the tip, and inside the
+/// picture. The plane itself, and 0, where there is none within a radius and a half.
+fn drawn_in(mask: &Mask, plane: &Plane, radius: f64, voxel: f64) -> (Plane, f64) {
+    let at = |way: f64| Plane { origin: plane.origin - plane.normal * way, normal: plane.normal };
+    let cut = |way: f64| section(mask, &at(way), 4.0 * radius + 2.0 * voxel);
+    let step = 0.25 * voxel;
+    for k in 0..=(1.5 * radius / step).ceil() as usize {
+        let way = k as f64 * step;
+        let Some(s) = cut(way) else { continue };
+        let short = cut(way + 0.75 * radius).is_some_and(|d| s.area < 0.85 * d.area.min(1.5 * s.area) && !d.clipped);
+        let leaves = Region::at(mask, &at(way).origin).is_some() && !disc_inside(mask, &at(way), s.reach);
+        if !short && !leaves && !s.clipped {
+            return (at(way), way);
+        }
+    }
+    (*plane, 0.0)
 }

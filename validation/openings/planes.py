@@ -19,7 +19,7 @@ def main():
         lines = [f"input: {{mask: {os.path.relpath(f'{data}/{mask}', out)}}}", "openings:"]
         for i, e in enumerate(ends):
             label = "inlet" if i == widest else f"outlet_{next(outlets)}"
-            lines.append(f"- {{name: {label}, center: {inside(e)}, normal: {e['normal']}}}")
+            lines.append(f"- {{name: {label}, center: {e['center']}, normal: {e['normal']}}}")
         case = f"{out}/{name}.yaml"
         open(case, "w").write("\n".join(lines) + "\n")
         done = subprocess.run([program, "run", case, "-o", f"{out}/{name}", "--stop-after", "surface", "--quiet"], capture_output=True, text=True)
@@ -35,11 +35,6 @@ def main():
             bad += 1
         print("| " + " | ".join(map(str, row)) + " |", flush=True)
     sys.exit(bad > 0)
-
-
-def inside(end):
-    """The plane as given lies on the source's own lid: half a radius into the vessel there is something to cut."""
-    return [c - 0.5 * end["radius"] * n for c, n in zip(end["center"], end["normal"])]
 
 
 main()
