@@ -235,6 +235,10 @@ fn resolve(
         return Err(UserError::Grazes { name, center, angle: cosine.abs().acos().to_degrees(), axis: axis.into() });
     }
     let mut plane = Plane { origin, normal: plane.normal };
+    // The axis may cross the plane beside the lumen where it turns aside.
+    if section(mask, &plane, voxel).is_none() {
+        plane.origin = user.center;
+    }
     let end = usize::from(cosine > 0.0);
     let to_end = if end == 1 { branch.length() - sample.arc_length } else { sample.arc_length };
     if !face && branch.ends[end] == EndKind::Free && to_end <= 1.5 * sample.radius + voxel {
@@ -299,7 +303,7 @@ fn drawn_in(mask: &Mask, plane: &Plane, radius: f64, voxel: f64) -> (Plane, f64)
         let way = k as f64 * step;
         let Some(s) = cut(way) else { continue };
         let short = cut(way + 0.75 * radius).is_some_and(|d| s.area < 0.85 * d.area.min(1.5 * s.area) && !d.clipped);
-        let leaves = Region::at(mask, &at(way).origin).is_some() && !disc_inside(mask, &at(way), s.reach);
+        let leaves = Region::at(mask, &at(way).origin).is_some() && !disc_inside(mask, &at(way), s.reach.min(2.5 * radius));
         if !short && !leaves && !s.clipped {
             return (at(way), way);
         }
