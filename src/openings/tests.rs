@@ -113,7 +113,8 @@ fn a_given_plane_replaces_the_detected_one_and_bad_ones_are_refused_with_a_place
     let away = own.plane.origin + Vector::new(3.0, 4.0, 5.0) * (4.0 * own.radius);
     let e = apply_user(&mask, &lines, found.clone(), &plane(away, own.plane.normal)).unwrap_err();
     assert!(matches!(e, UserError::Misses { .. }), "{e}");
-    let e = apply_user(&mask, &lines, found.clone(), &plane(moved, -own.plane.normal)).unwrap_err();
+    // Turned round where it was found: less than a diameter would be left.
+    let e = apply_user(&mask, &lines, found.clone(), &plane(own.plane.origin, -own.plane.normal)).unwrap_err();
     assert!(matches!(e, UserError::CutsEverything { .. }), "{e}");
     let (side, _) = own.plane.basis();
     let e = apply_user(&mask, &lines, found, &plane(moved, side)).unwrap_err();
