@@ -208,7 +208,8 @@ fn open(
     work.triangles = triangles;
     work.patch = patch;
 
-    let rim = boundary_loop(&work, o)?;
+    let on_rim = |v: u32| v >= first_new || side[v as usize] == Side::Rim;
+    let rim = boundary_loop(&work, on_rim, o)?;
     let flat: Vec<[f64; 2]> = {
         let (u, v) = o.plane.basis();
         rim.iter().map(|&i| work.points[i as usize] - o.plane.origin).map(|d| [d.dot(&u), d.dot(&v)]).collect()
@@ -336,12 +337,7 @@ fn sides(mesh: &TriMesh, distance: &[f64], o: &Opening, reach: f64) -> Result<Ve
     let is_in_loop = |e: &[u32; 2]| elements.binary_search(e).is_ok_and(|i| in_loop[i]);
 
     // Flood what lies beyond the loop.
-    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); mesh.points.len()];
-    for t in &mesh.triangles {
-        for i in 0..3 {
-            neighbours[t[i] as usize].push(t[(i + 1) % 3]);
-        }
-    }
+    let neighbours = Neighbours::of(mesh);
     let mut side = vec![Side::Kept; mesh.points.len()];
     let mut stack = Vec::new();
     for (_, e) in elements.iter().enumerate().filter(|(i, _)| in_loop[*i]) {
@@ -350,7 +346,7 @@ fn sides(mesh: &TriMesh, distance: &[f64], o: &Opening, reach: f64) -> Result<Ve
         }
     }
     for (_, e) in elements.iter().enumerate().filter(|(i, _)| in_loop[*i]) {
-        let starts: Vec<u32> = if e[0] == e[1] { neighbours[e[0] as usize].iter().copied().filter(|&v| sign(v) > 0).collect() } else { e.iter().copied().filter(|&v| sign(v) > 0).collect() };
+        let starts: Vec<u32> = if e[0] == e[1] { neighbours.round(e[0]).iter().copied().filter(|&v| sign(v) > 0).collect() } else { e.iter().copied().filter(|&v| sign(v) > 0).collect() };
         for v in starts {
             if side[v as usize] == Side::Kept {
                 side[v as usize] = Side::Beyond;
@@ -359,7 +355,7 @@ fn sides(mesh: &TriMesh, distance: &[f64], o: &Opening, reach: f64) -> Result<Ve
         }
     }
     while let Some(v) = stack.pop() {
-        for &w in &neighbours[v as usize] {
+        for &w in neighbours.round(v) {
             if side[w as usize] == Side::Kept && !is_in_loop(&[v.min(w), v.max(w)]) {
                 side[w as usize] = Side::Beyond;
                 stack.push(w);
@@ -380,12 +376,48 @@ fn closest_vertex(mesh: &TriMesh, p: &Point) -> (f64, Point) {
     best.unwrap_or((f64::INFINITY, *p))
 }
 
-/// The one loop of open edges, in the direction of the triangles that have them.
-fn boundary_loop(mesh: &TriMesh, o: &Opening) -> Result<Vec<u32>, Error> {
-    let mut directed: Vec<[u32; 2]> = Vec::with_capacity(3 * mesh.triangles.len());
+/// The vertices round each vertex, one after the other in one array: a tree of hundreds of ends is cut as often.
+struct Neighbours {
+    first: Vec<u32>,
+    all: Vec<u32>,
+}
+
+impl Neighbours {
+    fn of(mesh: &TriMesh) -> Neighbours {
+        let mut first = vec![0u32; mesh.points.len() + 1];
+        for &v in mesh.triangles.iter().flatten() {
+            first[v as usize + 1] += 1;
+        }
+        for i in 1..first.len() {
+            first[i] += first[i - 1];
+        }
+        let mut next = first.clone();
+        let mut all = vec![0u32; 3 * mesh.triangles.len()];
+        for t in &mesh.triangles {
+            for i in 0..3 {
+                let slot = &mut next[t[i] as usize];
+                all[*slot as usize] = t[(i + 1) % 3];
+                *slot += 1;
+            }
+        }
+        Neighbours { first, all }
+    }
+
+    fn round(&self, v: u32) -> &[u32] {
+        &self.all[self.first[v as usize] as usize..self.first[v as usize + 1] as usize]
+    }
+}
+
+/// The one loop of open edges, in the direction of the triangles that have them. Both ends of an open edge are on the
+/// rim, for the mesh was closed before it was cut.
+fn boundary_loop(mesh: &TriMesh, on_rim: impl Fn(u32) -> bool, o: &Opening) -> Result<Vec<u32>, Error> {
+    let mut directed: Vec<[u32; 2]> = Vec::new();
     for t in &mesh.triangles {
         for i in 0..3 {
-            directed.push([t[i], t[(i + 1) % 3]]);
+            let [a, b] = [t[i], t[(i + 1) % 3]];
+            if on_rim(a) && on_rim(b) {
+                directed.push([a, b]);
+            }
         }
     }
     directed.sort_unstable();
