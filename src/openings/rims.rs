@@ -21,7 +21,7 @@ pub struct RimOptions {
 
 impl Default for RimOptions {
     fn default() -> Self {
-        RimOptions { rings: vec![4, 6, 8], sizes: vec![0.8, 1.2, 0.6] }
+        RimOptions { rings: vec![6, 8], sizes: vec![0.8, 1.2, 0.6] }
     }
 }
 

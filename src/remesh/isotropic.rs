@@ -10,8 +10,10 @@ use serde::Serialize;
 
 use super::anneal::anneal;
 use super::relax::{Balance, relax};
+use super::rim_spacing::space_rims;
 use super::shape::worst_cosine;
 use super::surface::Surface;
+use super::valence::Valences;
 use super::{Error, Normals, SizeField, Supports};
 use crate::geometry::{Point, Vector};
 use crate::mesh::TriMesh;
@@ -45,7 +47,7 @@ impl Default for IsotropicOptions {
     fn default() -> Self {
         IsotropicOptions {
             iterations: 8,
-            relaxations: 4,
+            relaxations: 8,
             finishing: 6,
             split_above: 4.0 / 3.0,
             collapse_below: 0.8,
@@ -105,6 +107,9 @@ fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
         summary.collapses += collapse_short(s, options);
         s.compact();
         summary.splits += split_long(s, options);
+        let (fewer, more) = space_rims(s);
+        summary.collapses += fewer;
+        summary.splits += more;
         summary.flips += flip_for_valence(s);
         if 2 * i >= options.iterations {
             summary.flips += anneal(s, 3);
@@ -112,13 +117,13 @@ fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
         settle(s, options, if i < 2 { 0.7 } else { 1.0 }, 0.0, summary);
     }
     for i in 0..options.finishing {
-        summary.flips += flip_for_valence(s) + anneal(s, 4);
+        summary.flips += flip_for_valence(s) + anneal(s, 6);
         // Sizes first, then angles.
-        let shape = (i as f64 / options.finishing as f64).min(0.7);
+        let shape = (i as f64 / options.finishing as f64).min(0.9);
         settle(s, options, 1.0, shape, summary);
     }
     summary.flips += flip_for_angle(s);
-    settle(s, options, 0.8, 0.8, summary);
+    settle(s, options, 0.8, 0.9, summary);
     summary.flips += flip_for_angle(s);
     summary.unprojected = s.project_all();
 }
@@ -169,7 +174,7 @@ fn split_long(s: &mut Surface, options: &IsotropicOptions) -> usize {
     count
 }
 
-fn split_stands(s: &Surface, h: u32, p: &Point, n: &Vector) -> bool {
+pub(crate) fn split_stands(s: &Surface, h: u32, p: &Point, n: &Vector) -> bool {
     [h, s.mesh.twin(h)].into_iter().all(|h| {
         let t = h / 3;
         let before = s.uprightness_of(t);
@@ -220,7 +225,7 @@ fn collapse_short(s: &mut Surface, options: &IsotropicOptions) -> usize {
     count
 }
 
-fn collapse_stands(s: &Surface, h: u32, longest: f64) -> bool {
+pub(crate) fn collapse_stands(s: &Surface, h: u32, longest: f64) -> bool {
     let (a, b) = (s.mesh.origin(h), s.mesh.target(h));
     let (t0, t1) = (h / 3, s.mesh.twin(h) / 3);
     let (pb, nb) = (s.point(b), &s.normal[b as usize]);
@@ -240,14 +245,9 @@ fn collapse_stands(s: &Surface, h: u32, longest: f64) -> bool {
     })
 }
 
-/// Flips edges where that brings valences nearer to six and costs no triangle its shape.
+/// Flips edges where that brings valences nearer to what they should be and costs no triangle its shape.
 fn flip_for_valence(s: &mut Surface) -> usize {
-    let mut valence = vec![0i32; s.mesh.points.len()];
-    for t in (0..s.mesh.triangle_ids() as u32).filter(|&t| s.mesh.has_triangle(t)) {
-        for v in s.mesh.triangle(t) {
-            valence[v as usize] += 1;
-        }
-    }
+    let mut valences = Valences::new(s);
     let mut count = 0;
     for _ in 0..3 {
         let before = count;
@@ -255,23 +255,14 @@ fn flip_for_valence(s: &mut Surface) -> usize {
             if !s.mesh.has_triangle(h / 3) || h > s.mesh.twin(h) || s.mesh.is_feature(h) || s.is_locked(h) {
                 continue;
             }
-            let [a, b, c, d] =
-                [s.mesh.origin(h), s.mesh.target(h), s.mesh.apex(h), s.mesh.apex(s.mesh.twin(h))].map(|v| v as usize);
-            let cost = |v: usize, by: i32| (valence[v] + by - 6).pow(2);
-            let now = cost(a, 0) + cost(b, 0) + cost(c, 0) + cost(d, 0);
-            let then = cost(a, -1) + cost(b, -1) + cost(c, 1) + cost(d, 1);
-            if then >= now {
+            if valences.change(s, h) >= 0 {
                 continue;
             }
             let Some((old, new)) = flip_shapes(s, h) else { continue };
             // cos 15°: a flip may worsen a pair for a while, relaxation rounds it again.
             if (new <= 0.966 || new < old) && s.mesh.can_flip(h) {
-                s.mesh.flip(h);
+                valences.flip(s, h);
                 count += 1;
-                valence[a] -= 1;
-                valence[b] -= 1;
-                valence[c] += 1;
-                valence[d] += 1;
             }
         }
         if count == before {

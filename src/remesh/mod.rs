@@ -13,10 +13,12 @@ pub mod isotropic;
 pub(crate) mod last_resort;
 mod relax;
 mod repair_moves;
+mod rim_spacing;
 pub mod shape;
 pub mod size_field;
 mod supports;
 mod surface;
+mod valence;
 #[cfg(test)]
 pub(crate) mod testing;
 

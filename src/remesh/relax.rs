@@ -111,7 +111,8 @@ fn target(s: &Surface, v: u32, balance: Balance) -> Option<(Point, Vector)> {
             // Equal edge lengths over wished lengths along the rim.
             let (la, lb) = ((pa - p).norm() * wa, (pb - p).norm() * wb);
             let along = (lb - la) / (wa + wb) * (pb - pa).dot(&t).signum();
-            let d = t * (along * 0.5_f64.max(balance.step)).clamp(-0.3 * h, 0.3 * h);
+            // Half the way: neighbours that go the whole way at once swing for ever.
+            let d = t * (0.5 * along).clamp(-0.3 * h, 0.3 * h);
             s.project(v, &(p + d), h)
         }
         _ => None,
