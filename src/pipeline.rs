@@ -1,10 +1,13 @@
 //! The stages in order, as in the paper's Figure 2; progress, timing, cancellation.
 
+mod cutting;
 mod error;
 mod explain;
 mod gates;
 mod input;
 mod options;
+mod reconstruct;
+mod remeshing;
 mod results;
 mod retry;
 mod series;
@@ -21,18 +24,16 @@ pub use series::run_and_write;
 pub use survey::Survey;
 
 use crate::centerline::{self, Centerlines};
-use crate::config::{Case, Detect, Method, Profile, Remesher};
+use crate::config::{Case, Detect};
 use crate::geometry::Point;
 use crate::implicit::guard::{GuardOptions, Guarded, MaskBoundary};
 use crate::implicit::{self, Implicit};
 use crate::mask::{self, Mask};
 use crate::mesh::{self, TriMesh, VolumeMesh};
 use crate::openings::{self, DetectReport, Opening};
-use crate::pointcloud;
 use crate::polygonize;
 use crate::quality;
-use crate::remesh::size_field::GuidanceField;
-use crate::remesh::{self, SizeField, Supports};
+use crate::remesh::{self, SizeField};
 use crate::report::{Report, StageTime};
 use crate::volume;
 
@@ -268,7 +269,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         parts.push(part(case, clock, &mut outcome.report, draft, own)?);
     }
     if context.stop_after >= Stage::Surface {
-        clock.run("openings", || cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
+        clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
     }
     outcome.openings = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
     outcome.openings.iter().for_each(|o| context.progress.explain(&explain::opening(o)));
@@ -362,7 +363,7 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
     let wanted = mask::topology(&mask);
     let polygons = |f: &dyn Implicit| polygonize::polygonize(f, &mask, &options::polygonizer(case));
     let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
-    let mut implicit = clock.run("reconstruct", || reconstruct(case, source, &mask, report), |_| String::new())?;
+    let mut implicit = clock.run("reconstruct", || reconstruct::reconstruct(case, source, &mask, report), |_| String::new())?;
     let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
     let topology = mesh::topology::check(&surface);
     if !options::guarded(case, source) && (topology.euler, topology.components) != (2 * wanted.euler, wanted.components) {
@@ -409,7 +410,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
         extensions = extended.tubes().to_vec();
         (implicit, openings, polygons) = (Box::new(extended), moved, surface);
     }
-    let size = clock.run("guidance field", || guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| format!("median {:.3} mm", s.median))?;
+    let size = clock.run("guidance field", || remeshing::guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| format!("median {:.3} mm", s.median))?;
     context.progress.explain(&size.1.why);
     report.put_in("remeshing", "guidance_field", &size.1);
     let mut part = Part {
@@ -427,7 +428,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
     if context.stop_after >= Stage::Surface {
         let made = clock.run(
             "remesh",
-            || triangles(case, case.surface.remesher, &part, part.size.as_ref()),
+            || remeshing::triangles(case, case.surface.remesher, &part, part.size.as_ref()),
             |m| format!("{} triangles", m.mesh.triangles.len()),
         )?;
         part.surface = made.mesh;
@@ -441,160 +442,8 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
     Ok(part)
 }
 
-/// The guidance field of a component.
-fn guidance(
-    case: &Case,
-    mask: &Mask,
-    implicit: &dyn Implicit,
-    polygons: &TriMesh,
-    centerlines: &Centerlines,
-) -> Result<(GuidanceField, remesh::size_field::Summary), remesh::Error> {
-    let mut radii: Vec<(Point, f64)> = centerlines.branches.iter().flat_map(|b| &b.samples).map(|s| (s.point, s.radius)).collect();
-    let [x, y, z] = mask.grid.spacing();
-    let mut sorted: Vec<f64> = radii.iter().map(|r| r.1).collect();
-    sorted.sort_by(f64::total_cmp);
-    // Lengths of the whole case in R and D are taken at the median radius.
-    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(x);
-    radii.retain(|r| r.1 > 0.0);
-    let options = options::guidance(case, x.min(y).min(z), median);
-    GuidanceField::new(polygons, implicit, &radii, [x, y, z], &options)
-}
-
 /// Voxels by which a vessel that leaves the picture is continued, so that the cut lies inside the picture.
 const PAD: usize = 4;
-
-/// Distance of the points that a surface is sampled at, in voxels of its grid.
-const SURFACE_PITCH: f64 = 0.7;
-
-/// How far the fit may lie from them, in voxels: they are exact, facets apart.
-const SURFACE_TOLERANCE: f64 = 0.1;
-
-fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
-    report.put_in("reconstruction", "profile", &case.reconstruction.profile);
-    // A method that the case names is used on the mask; by itself a map or surface says more than its mask.
-    match source {
-        Source::Map { image, isovalue } if case.reconstruction.method.is_none() => {
-            report.put_in("reconstruction", "fitted_to", &"probability map");
-            return Ok(Box::new(input::map_on(image, *isovalue, mask)?));
-        }
-        Source::Surface(mesh) if case.reconstruction.method.is_none() => {
-            let voxel = mask.grid.spacing()[0];
-            let points = pointcloud::from_surface(mesh, &pointcloud::SurfaceOptions { pitch: Some(SURFACE_PITCH * voxel) })?;
-            let fit = implicit::mpu::MpuOptions { tolerance: SURFACE_TOLERANCE * voxel, ..implicit::mpu::MpuOptions::estimate(&mask.grid, &points) };
-            let (f, summary) = implicit::mpu::fit(&points, &fit)?;
-            report.put_in("reconstruction", "fitted_to", &"surface");
-            report.put_in("reconstruction", "mpu", &summary);
-            return Ok(Box::new(f));
-        }
-        _ => {}
-    }
-    match options::method(case) {
-        Method::Smooth => {
-            let (f, summary) = implicit::smooth::fit(mask, &Default::default())?;
-            report.put_in("reconstruction", "smooth", &summary);
-            Ok(Box::new(f))
-        }
-        Method::Mpu => {
-            let points = match case.reconstruction.profile {
-                Profile::Paper => pointcloud::PointCloudOptions::paper(),
-                Profile::Cfd => pointcloud::PointCloudOptions::cfd(),
-            };
-            let boundary = MaskBoundary::new(mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
-            let (points, cloud) = pointcloud::extract(mask, &points)?;
-            let (f, summary) = implicit::mpu::fit(&points, &implicit::mpu::MpuOptions::estimate(&mask.grid, &points))?;
-            report.put_in("reconstruction", "point_cloud", &cloud);
-            report.put_in("reconstruction", "mpu", &summary);
-            Ok(Box::new(Guarded::new(f, boundary)))
-        }
-    }
-}
-
-/// Cuts the ends open; gives the number of openings.
-fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Result<usize, Error> {
-    let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
-    let mut measures = Vec::new();
-    let mut off_implicit = 0.0f64;
-    let mut retries = Vec::new();
-    for (n, part) in parts.iter_mut().enumerate() {
-        // A diameter for each opening.
-        let mut moves = 4 * part.openings.len();
-        let (mesh, made, tried) = loop {
-            let whole: &Part = part;
-            let made = retry::surface(&whole.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
-                cut_part(case, whole, attempt, places)
-            });
-            let error = match made {
-                Err(Error::Openings(e)) => e,
-                other => break other?,
-            };
-            let name = error.opening().to_string();
-            if matches!(error, openings::Error::NotSimple { .. }) && moves > 0 && shift_inwards(part, &name) {
-                moves -= 1;
-                report.warn("openings", format!("{error}; it was found, not given, and moved inwards by half a radius"));
-            } else if leave_closed(part, &name) {
-                report.warn("openings", format!("{error}; it was found, not given: that end stays closed"));
-            } else {
-                return Err(error.into());
-            }
-        };
-        if let Some(fraction) = made.front_fraction {
-            report.put_in("surface", "front_fraction", &fraction);
-        }
-        if !tried.is_empty() {
-            report.warn("surface", format!("component {n}: the surface missed a hard gate and was made {} times; see remeshing.retries", tried.len()));
-            retries.push(serde_json::json!({"component": n, "attempts": tried}));
-        }
-        let supports = carriers(part);
-        off_implicit = off_implicit.max(remesh::off_implicit(&mesh, &supports));
-        part.surface = mesh;
-        part.polygons = TriMesh::default();
-        measures.extend(made.measures);
-        report.put_in("remeshing", "cuts", &made.summary);
-    }
-    let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    report.put_in("remeshing", "off_implicit", &serde_json::json!({"max": off_implicit, "max_voxels": off_implicit / voxel}));
-    if !retries.is_empty() {
-        report.put_in("remeshing", "retries", &retries);
-    }
-    measures.sort_by_key(|m| m.id);
-    let found: Vec<Opening> = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
-    report.put("openings", &results::opening_rows(&measures, &found));
-    let extensions = results::extension_rows(parts, &measures);
-    if !extensions.is_empty() {
-        report.put("extensions", &extensions);
-    }
-    let inlets = found.iter().filter(|o| o.kind == mesh::PatchKind::Inlet).count();
-    gates::openings(report, case, &measures, inlets, diagonal);
-    if found.is_empty() {
-        report.warn("openings", "there is no opening: the vessel is closed on all sides; give planes under `openings:`");
-    }
-    Ok(found.len())
-}
-
-/// Whether an opening was found, not given, and carries no extension: then it may be moved or left out.
-fn may_change(part: &Part, name: &str) -> bool {
-    let given = |o: &Opening| o.found_by == openings::FoundBy::User;
-    part.openings.iter().any(|o| o.name == name && !given(o)) && part.extensions.iter().all(|e| e.name() != name)
-}
-
-/// Moves the plane of an opening inwards by half its radius; false where it must stay.
-fn shift_inwards(part: &mut Part, name: &str) -> bool {
-    let may = may_change(part, name);
-    for o in part.ends.iter_mut().chain(&mut part.openings).filter(|o| may && o.name == name) {
-        o.plane.origin -= o.plane.normal * (0.5 * o.radius);
-    }
-    may
-}
-
-/// Leaves an opening out; false where it must stay.
-fn leave_closed(part: &mut Part, name: &str) -> bool {
-    let may = may_change(part, name);
-    if may {
-        part.ends.retain(|o| o.name != name);
-        part.openings.retain(|o| o.name != name);
-    }
-    may
-}
 
 /// The planes at which to cut: those detected, and what the user wants of them.
 fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> Result<(Vec<Opening>, DetectReport), Error> {
@@ -617,70 +466,4 @@ fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> R
         report.warn("openings", w);
     }
     Ok((found, summary))
-}
-
-/// The carriers of all patches of a component.
-fn carriers(part: &Part) -> Supports<'_> {
-    part.openings.iter().fold(Supports::new(part.implicit.as_ref()), |s, o| s.with_plane(o.id, o.plane))
-}
-
-/// What cutting a component open gave.
-struct Opened {
-    measures: Vec<openings::OpeningMeasure>,
-    summary: openings::CutSummary,
-    front_fraction: Option<f64>,
-}
-
-/// Cuts a component open; remeshes it before where it is another attempt than the first.
-fn cut_part(case: &Case, part: &Part, attempt: retry::Attempt, places: &[Point]) -> Result<(TriMesh, Opened), Error> {
-    let opened = |mesh: &TriMesh, size: &dyn SizeField, front_fraction| {
-        let (mesh, measures, summary) = openings::cut(mesh, part.implicit.as_ref(), size, &part.openings, &options::cut(case))?;
-        Ok((mesh, Opened { measures, summary, front_fraction }))
-    };
-    if attempt == retry::Attempt::FIRST {
-        return opened(&part.surface, part.size.as_ref(), None);
-    }
-    let everywhere = [part.polygons.bounds().center()];
-    let near = places.iter().map(|p| part.size.size(p)).fold(0.0, f64::max);
-    let size = remesh::size_field::Scaled {
-        field: part.size.as_ref(),
-        centers: if attempt.local { places } else { &everywhere },
-        reach: if attempt.local { 6.0 * near } else { f64::INFINITY },
-        factor: attempt.factor,
-    };
-    let made = triangles(case, attempt.remesher(case.surface.remesher), part, &size)?;
-    opened(&made.mesh, &size, made.front_fraction)
-}
-
-/// A remeshed surface and what its remesher says of it.
-struct Remeshed {
-    mesh: TriMesh,
-    summaries: Vec<(&'static str, serde_json::Value)>,
-    front_fraction: Option<f64>,
-}
-
-/// Remeshes the polygons of a component and repairs angles.
-fn triangles(case: &Case, remesher: Remesher, part: &Part, size: &dyn SizeField) -> Result<Remeshed, Error> {
-    let supports = Supports::new(part.implicit.as_ref());
-    let polygons = &part.polygons;
-    let mut made = match remesher {
-        Remesher::AdvancingFront => {
-            let (mesh, summary) = remesh::advancing_front::remesh(polygons, part.implicit.as_ref(), size, &Default::default())?;
-            let summaries = vec![("advancing_front", serde_json::json!(summary))];
-            Remeshed { mesh, summaries, front_fraction: Some(summary.front_fraction) }
-        }
-        Remesher::Auto | Remesher::Isotropic => {
-            let (mesh, summary) = remesh::isotropic::remesh(polygons, &supports, size, &Default::default())?;
-            Remeshed { mesh, summaries: vec![("isotropic", serde_json::json!(summary))], front_fraction: None }
-        }
-        Remesher::Improve => {
-            let improve = remesh::improve::ImproveOptions { max_skewness: case.surface.max_skewness, ..Default::default() };
-            let (mesh, summary) = remesh::improve::improve(polygons, &supports, size, &improve)?;
-            return Ok(Remeshed { mesh, summaries: vec![("improve", serde_json::json!(summary))], front_fraction: None });
-        }
-    };
-    let (mesh, summary) = remesh::angle_repair::repair(&made.mesh, &supports, size, &options::repair(case))?;
-    made.summaries.push(("angle_repair", serde_json::json!(summary)));
-    made.mesh = mesh;
-    Ok(made)
 }

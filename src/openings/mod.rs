@@ -12,7 +12,7 @@ mod section;
 mod user;
 mod walk;
 
-pub use cut::{CutOptions, CutSummary, OpeningMeasure, cut, measure};
+pub use cut::{CutOptions, CutSummary, Cutter, OpeningMeasure, cut, cut_each, measure};
 pub use rims::{RimOptions, RimSummary};
 pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
 pub use extend::{ExtendError, Extended, Extension, Tube, equivalent_radius};

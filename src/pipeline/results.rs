@@ -124,7 +124,7 @@ pub(super) fn worst_triangles<'a>(
         .collect();
     let row = |triangle: &'a crate::quality::WorstTriangle| {
         let part = &parts[ends.partition_point(|&end| end <= triangle.id as usize).min(parts.len().checked_sub(1)?)];
-        let cause = crate::remesh::angle_repair::reason(surface, &super::carriers(part), triangle.id as usize, target);
+        let cause = crate::remesh::angle_repair::reason(surface, &super::cutting::carriers(part), triangle.id as usize, target);
         Some(WorstRow { triangle, cause })
     };
     worst.iter().filter_map(row).collect()

@@ -1,0 +1,58 @@
+//! From a component's mask, map or surface to its implicit wall.
+
+use super::error::Error;
+use super::input::{self, Source};
+use super::options;
+use crate::config::{Case, Method, Profile};
+use crate::implicit::guard::{GuardOptions, Guarded, MaskBoundary};
+use crate::implicit::{self, Implicit};
+use crate::mask::Mask;
+use crate::pointcloud;
+use crate::report::Report;
+
+/// Distance of the points that a surface is sampled at, in voxels of its grid.
+const SURFACE_PITCH: f64 = 0.7;
+
+/// How far the fit may lie from them, in voxels: they are exact, facets apart.
+const SURFACE_TOLERANCE: f64 = 0.1;
+
+/// The wall of a component by the method that the case names, or that suits its source.
+pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
+    report.put_in("reconstruction", "profile", &case.reconstruction.profile);
+    // A method that the case names is used on the mask; by itself a map or surface says more than its mask.
+    match source {
+        Source::Map { image, isovalue } if case.reconstruction.method.is_none() => {
+            report.put_in("reconstruction", "fitted_to", &"probability map");
+            return Ok(Box::new(input::map_on(image, *isovalue, mask)?));
+        }
+        Source::Surface(mesh) if case.reconstruction.method.is_none() => {
+            let voxel = mask.grid.spacing()[0];
+            let points = pointcloud::from_surface(mesh, &pointcloud::SurfaceOptions { pitch: Some(SURFACE_PITCH * voxel) })?;
+            let fit = implicit::mpu::MpuOptions { tolerance: SURFACE_TOLERANCE * voxel, ..implicit::mpu::MpuOptions::estimate(&mask.grid, &points) };
+            let (f, summary) = implicit::mpu::fit(&points, &fit)?;
+            report.put_in("reconstruction", "fitted_to", &"surface");
+            report.put_in("reconstruction", "mpu", &summary);
+            return Ok(Box::new(f));
+        }
+        _ => {}
+    }
+    match options::method(case) {
+        Method::Smooth => {
+            let (f, summary) = implicit::smooth::fit(mask, &Default::default())?;
+            report.put_in("reconstruction", "smooth", &summary);
+            Ok(Box::new(f))
+        }
+        Method::Mpu => {
+            let points = match case.reconstruction.profile {
+                Profile::Paper => pointcloud::PointCloudOptions::paper(),
+                Profile::Cfd => pointcloud::PointCloudOptions::cfd(),
+            };
+            let boundary = MaskBoundary::new(mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
+            let (points, cloud) = pointcloud::extract(mask, &points)?;
+            let (f, summary) = implicit::mpu::fit(&points, &implicit::mpu::MpuOptions::estimate(&mask.grid, &points))?;
+            report.put_in("reconstruction", "point_cloud", &cloud);
+            report.put_in("reconstruction", "mpu", &summary);
+            Ok(Box::new(Guarded::new(f, boundary)))
+        }
+    }
+}
