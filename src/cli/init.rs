@@ -194,6 +194,8 @@ fn planes(out: &mut String, s: &Survey) -> std::fmt::Result {
             BlindReason::WideSac => "a sac wider than its vessel",
             BlindReason::Bump => "shorter than wide",
             BlindReason::NoSection => "no section that a plane could cut",
+            BlindReason::SharedOpening => "the opening beside it takes it off too",
+            BlindReason::SharedSection => "a cut there would take another vessel off too",
         };
         writeln!(out, "  # closed: the end at {} ({why}; radius {:.2} mm, length {:.2} mm)", place(b.tip.into()), b.radius, b.length)?;
     }

@@ -18,12 +18,15 @@
 //!    varies by a quarter (10 % to 90 % of its samples) or L ≤ 1.5 D; and
 //!
 //! it is a bump whatever its tip when it is shorter than wide, L ≤ D.
+//!
+//! *A cut takes off its own branch only*: see [`super::shared`].
 
 use serde::Serialize;
 
 use super::border::{Region, disc_inside, in_image};
 use super::names::{self, Sized};
 use super::section::{Section, section};
+use super::shared::{self, Ending};
 use super::walk::Walk;
 use super::{FoundBy, Opening};
 use crate::centerline::{Centerlines, EndKind};
@@ -79,6 +82,10 @@ pub enum BlindReason {
     Bump,
     /// No place along it has a section that a plane could cut.
     NoSection,
+    /// The opening of another end near by takes it off too.
+    SharedOpening,
+    /// Each of its sections runs through another vessel, which a cut would take off.
+    SharedSection,
 }
 
 /// A free end of the centerline that stays closed.
@@ -129,6 +136,7 @@ pub struct DetectReport {
 pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec<Opening>, DetectReport) {
     let mut report = DetectReport::default();
     let mut found: Vec<(Sized, FoundEnd)> = Vec::new();
+    let mut inside: Vec<(Leaving, BlindEnd)> = Vec::new();
     let mut regions: Vec<(Region, Vec<Leaving>)> = Vec::new();
     for (n, branch) in lines.branches.iter().enumerate() {
         for end in 0..2 {
@@ -142,13 +150,16 @@ pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec
                     Some((_, ends)) => ends.push(f),
                     None => regions.push((region, vec![f])),
                 },
-                (Ok(f), None) => found.push(f.settled(&mut report.warnings)),
-                (Err(reason), _) => {
-                    let (length, radius) = walk.outside();
-                    let component = branch.component;
-                    report.blind.push(BlindEnd { tip: walk.point[0], reason, radius, length, component });
-                }
+                (Ok(f), None) => inside.push((f, blind_end(&walk, BlindReason::SharedOpening, branch.component))),
+                (Err(reason), _) => report.blind.push(blind_end(&walk, reason, branch.component)),
             }
+        }
+    }
+    let endings: Vec<Ending> = inside.iter().map(|(f, _)| f.ending()).collect();
+    for ((f, closed), reason) in inside.into_iter().zip(shared::settle(&endings)) {
+        match reason {
+            None => found.push(f.settled(&mut report.warnings)),
+            Some(reason) => report.blind.push(BlindEnd { reason, ..closed }),
         }
     }
     for (region, ends) in regions {
@@ -176,6 +187,11 @@ pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec
         }
     }
     (openings, report)
+}
+
+fn blind_end(walk: &Walk, reason: BlindReason, component: u32) -> BlindEnd {
+    let (length, radius) = walk.outside();
+    BlindEnd { tip: walk.point[0], reason, radius, length, component }
 }
 
 fn one(
@@ -219,7 +235,8 @@ fn one(
             if whole && (border || late || !grown) {
                 let from = *settled_at.get_or_insert(t);
                 let ratio = s.area / (std::f64::consts::PI * r * r);
-                let badness = (ratio / options.max_area_ratio).max(s.aspect / 2.0).max(if s.clipped { 9.0 } else { 0.0 });
+                let taking = !border && !shared::others(lines, branch, &plane, &s).is_empty();
+                let badness = (ratio / options.max_area_ratio).max(s.aspect / 2.0).max(if s.clipped || taking { 9.0 } else { 0.0 });
                 if best.as_ref().is_none_or(|b| badness < b.0) {
                     best = Some((badness, t, plane, r, s));
                 }
@@ -253,7 +270,8 @@ fn one(
         component: lines.branches[branch].component,
     };
     let end = FoundEnd { name: String::new(), center: plane.origin, tip: walk.point[0], from_tip, area: s.area };
-    Ok(Leaving { sized: Sized { opening, area: s.area, fixed: false }, end, badness, section: s })
+    let others = if border { Vec::new() } else { shared::others(lines, branch, &plane, &s) };
+    Ok(Leaving { sized: Sized { opening, area: s.area, fixed: false }, end, badness, section: s, branch, others })
 }
 
 /// An end with its place, before it is known how good that is.
@@ -263,9 +281,17 @@ struct Leaving {
     /// Above 1 the section is irregular.
     badness: f64,
     section: Section,
+    branch: usize,
+    /// Other branches that run out through the section.
+    others: Vec<usize>,
 }
 
 impl Leaving {
+    fn ending(&self) -> Ending {
+        let o = &self.sized.opening;
+        Ending { branch: self.branch, tip: self.end.tip, plane: o.plane, radius: o.radius, area: self.sized.area, others: self.others.clone() }
+    }
+
     /// The opening there; an irregular section costs confidence and is told.
     fn settled(mut self, warnings: &mut Vec<String>) -> (Sized, FoundEnd) {
         let o = &mut self.sized.opening;

@@ -9,6 +9,7 @@ mod extend;
 mod names;
 mod rims;
 mod section;
+mod shared;
 mod user;
 mod walk;
 

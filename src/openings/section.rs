@@ -1,12 +1,10 @@
 //! Plane sections of the mask.
 
-use serde::Serialize;
-
 use crate::geometry::{Plane, Point};
 use crate::mask::Mask;
 
 /// The connected piece of lumen that a plane cuts at a point.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Section {
     /// Area, mm².
     pub area: f64,
@@ -18,6 +16,22 @@ pub struct Section {
     pub aspect: f64,
     /// Whether the section goes on beyond the distance asked for.
     pub clipped: bool,
+    /// Distance of the samples, mm.
+    step: f64,
+    /// Samples from the middle of a row to its end.
+    half: i64,
+    /// Which of the samples are the section's.
+    own: Vec<bool>,
+}
+
+impl Section {
+    /// Whether a point of `plane`, the plane of the section, is in the section.
+    pub fn holds(&self, plane: &Plane, p: &Point) -> bool {
+        let (u, v) = plane.basis();
+        let d = p - plane.origin;
+        let [i, j] = [u, v].map(|e| (d.dot(&e) / self.step).round() as i64);
+        i.abs() <= self.half && j.abs() <= self.half && self.own[((i + self.half) + (j + self.half) * (2 * self.half + 1)) as usize]
+    }
 }
 
 /// Samples a side: bounds the work where a section is wide.
@@ -38,6 +52,7 @@ pub fn section(mask: &Mask, plane: &Plane, limit: f64) -> Option<Section> {
         return None;
     }
     let mut seen = vec![false; side * side];
+    let mut own = vec![false; side * side];
     let index = |i: i64, j: i64| ((i + n) + (j + n) * side as i64) as usize;
     let mut stack = vec![(0i64, 0i64)];
     seen[index(0, 0)] = true;
@@ -46,6 +61,7 @@ pub fn section(mask: &Mask, plane: &Plane, limit: f64) -> Option<Section> {
     while let Some((i, j)) = stack.pop() {
         let (x, y) = (i as f64 * step, j as f64 * step);
         count += 1.0;
+        own[index(i, j)] = true;
         sx += x;
         sy += y;
         sxx += x * x;
@@ -74,6 +90,9 @@ pub fn section(mask: &Mask, plane: &Plane, limit: f64) -> Option<Section> {
         reach: reach + 0.5 * step,
         aspect: ((mean + root) / (mean - root).max(cell)).sqrt(),
         clipped,
+        step,
+        half: n,
+        own,
     })
 }
 
