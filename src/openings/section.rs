@@ -25,6 +25,15 @@ pub struct Section {
 }
 
 impl Section {
+    /// The samples of the section of `plane`.
+    pub fn points<'a>(&'a self, plane: &Plane) -> impl Iterator<Item = Point> + 'a {
+        let (u, v) = plane.basis();
+        let (u, v, origin) = (u * self.step, v * self.step, plane.origin);
+        let side = 2 * self.half + 1;
+        let own = (0..side * side).filter(|&n| self.own[n as usize]);
+        own.map(move |n| origin + u * (n % side - self.half) as f64 + v * (n / side - self.half) as f64)
+    }
+
     /// Whether a point of `plane`, the plane of the section, is in the section.
     pub fn holds(&self, plane: &Plane, p: &Point) -> bool {
         let (u, v) = plane.basis();

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::border::{Region, along_face, disc_inside};
+use super::border::{Region, along_face, disc_inside, in_image};
 use super::names::{self, Sized};
 use super::section::section;
 use super::{FoundBy, Opening};
@@ -294,19 +294,27 @@ fn resolve(
 const MOST_OBLIQUE: f64 = 0.259;
 
 /// A plane near a tip, moved inwards to the first place whose section is whole: not cut short by the tip, and inside the
-/// picture. The plane itself, and 0, where there is none within a radius and a half.
+/// picture; where a vessel runs along the picture's side, inside it as far as the axis goes. The plane itself, and 0,
+/// where there is none within a radius and a half.
 fn drawn_in(mask: &Mask, plane: &Plane, radius: f64, voxel: f64) -> (Plane, f64) {
     let at = |way: f64| Plane { origin: plane.origin - plane.normal * way, normal: plane.normal };
     let cut = |way: f64| section(mask, &at(way), 4.0 * radius + 2.0 * voxel);
     let step = 0.25 * voxel;
+    let mut second = None;
     for k in 0..=(1.5 * radius / step).ceil() as usize {
         let way = k as f64 * step;
         let Some(s) = cut(way) else { continue };
         let short = cut(way + 0.75 * radius).is_some_and(|d| s.area < 0.85 * d.area.min(1.5 * s.area) && !d.clipped);
-        let leaves = Region::at(mask, &at(way).origin).is_some() && !disc_inside(mask, &at(way), s.reach.min(2.5 * radius));
-        if !short && !leaves && !s.clipped {
+        if short || s.clipped {
+            continue;
+        }
+        if s.points(&at(way)).all(|p| in_image(mask, &p)) {
             return (at(way), way);
         }
+        let leaves = Region::at(mask, &at(way).origin).is_some() && !disc_inside(mask, &at(way), s.reach.min(2.5 * radius));
+        if !leaves {
+            second.get_or_insert(way);
+        }
     }
-    (*plane, 0.0)
+    second.map_or((*plane, 0.0), |way| (at(way), way))
 }
