@@ -32,6 +32,8 @@ pub struct IsotropicOptions {
     pub split_above: f64,
     /// Edges shorter than this many wished lengths are collapsed.
     pub collapse_below: f64,
+    /// Factor on both in the first round, where the whole surface may change.
+    pub coarse_first: f64,
     /// What triangles are held against, so that none turns over.
     pub normals: Normals,
     /// Vertices that may change, by id of the input mesh; everything without it. Where it is given, only edges with
@@ -49,8 +51,9 @@ impl Default for IsotropicOptions {
             iterations: 8,
             relaxations: 8,
             finishing: 6,
-            split_above: 4.0 / 3.0,
-            collapse_below: 0.8,
+            split_above: 1.4,
+            collapse_below: 0.85,
+            coarse_first: 1.7,
             normals: Normals::Gradient,
             region: None,
             features: Vec::new(),
@@ -104,10 +107,13 @@ pub fn remesh(
 
 fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
     for i in 0..options.iterations {
-        summary.collapses += collapse_short(s, options);
+        // Much too coarse first, where all may change: what follows is not the lattice of the polygonizer any more,
+        // whose rows a long relaxation straightens but cannot turn nor space anew.
+        let factor = if i == 0 && options.region.is_none() { options.coarse_first } else { 1.0 };
+        summary.collapses += collapse_short(s, factor * options.collapse_below, factor * options.split_above);
         s.compact();
-        summary.splits += split_long(s, options);
-        let (fewer, more) = space_rims(s);
+        summary.splits += split_long(s, factor * options.split_above);
+        let (fewer, more) = space_rims(s, factor);
         summary.collapses += fewer;
         summary.splits += more;
         summary.flips += flip_for_valence(s);
@@ -139,8 +145,8 @@ fn settle(s: &mut Surface, options: &IsotropicOptions, step: f64, shape: f64, su
 }
 
 /// Splits edges that are too long, longest first, until none is left (at most 12 halvings).
-fn split_long(s: &mut Surface, options: &IsotropicOptions) -> usize {
-    let limit = options.split_above * options.split_above;
+fn split_long(s: &mut Surface, above: f64) -> usize {
+    let limit = above * above;
     let mut count = 0;
     for _ in 0..12 {
         let mut long: Vec<(f64, u32)> = edges(s)
@@ -187,10 +193,10 @@ pub(crate) fn split_stands(s: &Surface, h: u32, p: &Point, n: &Vector) -> bool {
     })
 }
 
-/// Collapses edges that are too short, shortest first.
-fn collapse_short(s: &mut Surface, options: &IsotropicOptions) -> usize {
-    let limit = options.collapse_below * options.collapse_below;
-    let longest = options.split_above * options.split_above;
+/// Collapses edges shorter than `below` wished lengths, shortest first, where none longer than `above` arises.
+fn collapse_short(s: &mut Surface, below: f64, above: f64) -> usize {
+    let limit = below * below;
+    let longest = above * above;
     let mut count = 0;
     for _ in 0..8 {
         s.compact();

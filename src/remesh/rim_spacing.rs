@@ -9,7 +9,7 @@ use crate::geometry::{Point, Vector};
 
 /// Length of the edges that isotropic remeshing makes, over the wished one: where its splits and collapses balance.
 /// Measured on surfaces of one size, with the default thresholds of splitting and collapsing.
-pub(crate) const BALANCE: f64 = 0.913;
+pub(crate) const BALANCE: f64 = 0.921;
 
 /// Vertices along one rim; a closed one does not repeat its first vertex.
 struct Chain {
@@ -17,13 +17,13 @@ struct Chain {
     closed: bool,
 }
 
-/// Gives every rim its number of edges, by collapses of its shortest and splits of its longest ones, and spaces them
-/// evenly. Returns the collapses and splits.
-pub(crate) fn space_rims(s: &mut Surface) -> (usize, usize) {
+/// Gives every rim its number of edges, `factor` times as long as usual, by collapses of its shortest and splits of its
+/// longest ones, and spaces them evenly. Returns the collapses and splits.
+pub(crate) fn space_rims(s: &mut Surface, factor: f64) -> (usize, usize) {
     let (mut collapses, mut splits) = (0, 0);
     for chain in chains(s) {
-        let (fewer, chain) = thin_out(s, chain);
-        let (more, chain) = fill_up(s, chain);
+        let (fewer, chain) = thin_out(s, chain, factor);
+        let (more, chain) = fill_up(s, chain, factor);
         collapses += fewer;
         splits += more;
         distribute(s, &chain);
@@ -84,14 +84,14 @@ impl Chain {
     }
 
     /// Edges that its length holds.
-    fn wanted(&self, s: &Surface) -> usize {
+    fn wanted(&self, s: &Surface, factor: f64) -> usize {
         let total: f64 = self.lengths(s).iter().sum();
-        ((total / BALANCE).round() as usize).max(if self.closed { 6 } else { 1 })
+        ((total / (BALANCE * factor)).round() as usize).max(if self.closed { 6 } else { 1 })
     }
 }
 
-fn thin_out(s: &mut Surface, mut chain: Chain) -> (usize, Chain) {
-    let wanted = chain.wanted(s);
+fn thin_out(s: &mut Surface, mut chain: Chain, factor: f64) -> (usize, Chain) {
+    let wanted = chain.wanted(s, factor);
     let mut count = 0;
     while chain.edges() > wanted {
         let lengths = chain.lengths(s);
@@ -101,7 +101,7 @@ fn thin_out(s: &mut Surface, mut chain: Chain) -> (usize, Chain) {
             let (a, b) = chain.edge(i);
             [(a, b), (b, a)].into_iter().find(|&(from, to)| {
                 let may = matches!(s.kind[from as usize], Kind::Curve(..));
-                let h = s.mesh.find(from, to).filter(|&h| may && super::isotropic::collapse_stands(s, h, 4.0) && s.may_collapse(h));
+                let h = s.mesh.find(from, to).filter(|&h| may && super::isotropic::collapse_stands(s, h, 4.0 * factor * factor) && s.may_collapse(h));
                 h.map(|h| s.collapse(h)).is_some()
             })
         });
@@ -112,8 +112,8 @@ fn thin_out(s: &mut Surface, mut chain: Chain) -> (usize, Chain) {
     (count, chain)
 }
 
-fn fill_up(s: &mut Surface, mut chain: Chain) -> (usize, Chain) {
-    let wanted = chain.wanted(s);
+fn fill_up(s: &mut Surface, mut chain: Chain, factor: f64) -> (usize, Chain) {
+    let wanted = chain.wanted(s, factor);
     let mut count = 0;
     while chain.edges() < wanted {
         let lengths = chain.lengths(s);
