@@ -12,6 +12,7 @@ use super::{Error, Opening};
 use crate::geometry::{Point, Vector};
 use crate::implicit::Implicit;
 use crate::mesh::{PatchKind, TriMesh};
+use crate::remesh::last_resort::Rung;
 use crate::remesh::{SizeField, Supports, angle_repair};
 
 /// How openings are cut.
@@ -69,6 +70,8 @@ pub struct CutSummary {
     pub removed: usize,
     /// Remeshing of rims and caps.
     pub rims: Vec<RimSummary>,
+    /// Places remeshed by themselves in the end, with what each attempt brought.
+    pub last_resort: Vec<Rung>,
 }
 
 /// Cuts one surface open, end by end; what is cut stays cut where a later end cannot be.
@@ -141,8 +144,9 @@ impl<'a> Cutter<'a> {
         if openings.is_empty() {
             return (work, Vec::new(), summary);
         }
-        let (mut work, rims) = rims::remesh(&work, &supports, size, &options.rims, &options.repair);
+        let (mut work, rims, last_resort) = rims::remesh(&work, &supports, size, &options.rims, &options.repair);
         summary.rims = rims;
+        summary.last_resort = last_resort;
         let mut measures = Vec::with_capacity(openings.len());
         let mut faces = faces_by_patch(&work);
         for o in &openings {

@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::mesh::{TriMesh, WALL};
 use crate::remesh::angle_repair::{Badness, RepairOptions};
 use crate::remesh::cutout::{self, Cutout, Fans};
-use crate::remesh::last_resort::{Try, make, score, sound};
+use crate::remesh::last_resort::{Rung, Try, climb, make, score, sound};
 use crate::remesh::{Normals, SizeField, Supports};
 
 /// How rims and caps are remeshed.
@@ -40,14 +40,14 @@ pub struct RimSummary {
     pub above_target: usize,
 }
 
-/// Remeshes all caps and what lies round them.
+/// Remeshes all caps and what lies round them; then, by themselves, places that are still above the target.
 pub(super) fn remesh(
     mesh: &TriMesh,
     supports: &Supports,
     field: &dyn SizeField,
     options: &RimOptions,
     repair: &RepairOptions,
-) -> (TriMesh, Vec<RimSummary>) {
+) -> (TriMesh, Vec<RimSummary>, Vec<Rung>) {
     let caps: Vec<u32> = (0..mesh.triangles.len() as u32).filter(|&t| mesh.patch[t as usize] != WALL).collect();
     let widest = options.rings.iter().copied().max().unwrap_or(4);
     let fans = Fans::new(mesh);
@@ -58,7 +58,10 @@ pub(super) fn remesh(
         .collect();
     let (made, summaries): (Vec<_>, Vec<_>) = done.into_iter().unzip();
     let made: Vec<(Cutout, TriMesh)> = made.into_iter().flatten().collect();
-    (cutout::put_back(mesh, &made), summaries)
+    let mesh = cutout::put_back(mesh, &made);
+    // What is left above the target is remeshed by itself, wherever it lies.
+    let (mesh, last_resort) = if repair.last_resort { climb(mesh, supports, field, repair) } else { (mesh, Vec::new()) };
+    (mesh, summaries, last_resort)
 }
 
 fn one(

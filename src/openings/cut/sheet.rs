@@ -133,10 +133,16 @@ impl Sheet {
             }
         }
         let made = self.cut(&sections, supports, reach);
-        if made.is_err() {
-            for (&v, p) in sections.iter().flat_map(|s| &s.snapped) {
-                self.points[v as usize] = *p;
-            }
+        for s in &mut sections {
+            // What the cut did not use goes back: other branches that the plane runs through, and all after an error.
+            let id = s.opening.id;
+            s.snapped.retain(|&v, p| {
+                let used = made.is_ok() && self.fans[v as usize].iter().any(|&t| self.patch[t as usize] == id);
+                if !used {
+                    self.points[v as usize] = *p;
+                }
+                used
+            });
         }
         made.map(|done| Done { snapped: sections.iter().map(|s| s.snapped.len()).sum(), ..done })
     }
