@@ -110,6 +110,8 @@ pub struct Part {
     pub polygons: TriMesh,
     /// What the guidance field wishes on the whole.
     pub guidance: remesh::size_field::Summary,
+    /// Triangles that it shall have, where the case says so.
+    pub target_faces: Option<f64>,
     /// Its surface.
     pub surface: TriMesh,
     /// Its openings in the mask.
@@ -242,8 +244,9 @@ pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
     let lines = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
     let found = clock.run("ends", || ends(case, &mask, &lines, &mut report), |(o, _)| format!("{} openings", o.len()))?;
     let mut parts = Vec::new();
-    for draft in drafts {
-        parts.push(part(case, &mut clock, &mut report, draft, Vec::new())?);
+    let shares = shares(&drafts);
+    for (draft, share) in drafts.into_iter().zip(shares) {
+        parts.push(part(case, &mut clock, &mut report, draft, Vec::new(), share)?);
     }
     Ok(Survey::new(mask, cleaning, lines, &parts, found, report))
 }
@@ -264,9 +267,10 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         Vec::new()
     };
     let mut parts = Vec::new();
-    for (n, draft) in drafts.into_iter().enumerate() {
+    let shares = shares(&drafts);
+    for (n, (draft, share)) in drafts.into_iter().zip(shares).enumerate() {
         let own = found.iter().filter(|o| o.component as usize == n).cloned().collect();
-        parts.push(part(case, clock, &mut outcome.report, draft, own)?);
+        parts.push(part(case, clock, &mut outcome.report, draft, own, share)?);
     }
     if context.stop_after >= Stage::Surface {
         clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
@@ -391,8 +395,15 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
     Ok(Draft { mask, implicit, polygons, centerlines })
 }
 
+/// Part of the whole surface that each component has: polygons are of one size.
+fn shares(drafts: &[Draft]) -> Vec<f64> {
+    let all: usize = drafts.iter().map(|d| d.polygons.triangles.len()).sum();
+    drafts.iter().map(|d| d.polygons.triangles.len() as f64 / all.max(1) as f64).collect()
+}
+
 /// One component with its ends known: extensions, sizes, triangles.
-fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends: Vec<Opening>) -> Result<Part, Error> {
+/// `share` is its part of the whole surface, of which `target_faces` speaks.
+fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends: Vec<Opening>, share: f64) -> Result<Part, Error> {
     let context = clock.context;
     let Draft { mask, mut implicit, mut polygons, centerlines: traced } = draft;
     let mut centerlines = traced.clone();
@@ -410,7 +421,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
         extensions = extended.tubes().to_vec();
         (implicit, openings, polygons) = (Box::new(extended), moved, surface);
     }
-    let size = clock.run("guidance field", || remeshing::guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines), |(_, s)| format!("median {:.3} mm", s.median))?;
+    let size = clock.run("guidance field", || remeshing::guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines, &openings, share), |(_, s)| format!("median {:.3} mm", s.median))?;
     context.progress.explain(&size.1.why);
     report.put_in("remeshing", "guidance_field", &size.1);
     let mut part = Part {
@@ -419,6 +430,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
         centerlines,
         size: Box::new(size.0),
         guidance: size.1,
+        target_faces: case.surface.target_faces.map(|n| share * n as f64),
         surface: polygons.clone(),
         polygons,
         ends,

@@ -312,6 +312,9 @@ pub struct WallPatch {
     /// Plane through the neck; give this or `sphere`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plane: Option<NeckPlane>,
+    /// Edge length on this patch, instead of `edge_length` of the whole surface. `scale` and `growth` act on it too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub edge_length: Option<Length>,
 }
 
 /// A plane through the neck of a sac.

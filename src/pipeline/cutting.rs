@@ -15,6 +15,9 @@ use crate::report::Report;
 /// How often a found plane is moved inwards, each time by half a radius: two diameters would be another place.
 const MOVES: usize = 4;
 
+/// Part by which the number of triangles may differ from the one wished before the surface is made once more.
+const COUNT: f64 = 0.03;
+
 /// Cuts the ends open; gives the number of openings.
 pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Result<usize, Error> {
     let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
@@ -22,10 +25,16 @@ pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Rep
     let mut off_implicit = 0.0f64;
     let mut retries = Vec::new();
     for (n, part) in parts.iter_mut().enumerate() {
-        let whole: &Part = part;
-        let (mesh, made, tried) = retry::surface(&whole.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
-            cut_part(case, whole, attempt, places)
-        })?;
+        let (mut mesh, mut made, mut tried) = make(case, part)?;
+        // One correction where the number of triangles is off; a surface that was made otherwise keeps its own.
+        let off = part.target_faces.map_or(1.0, |wanted| mesh.triangles.len() as f64 / wanted);
+        if (off - 1.0).abs() > COUNT && tried.is_empty() {
+            let field = std::mem::replace(&mut part.size, Box::new(remesh::Uniform(1.0)));
+            part.size = Box::new(remeshing::Rescaled { field, factor: off.sqrt() });
+            part.surface = remeshing::triangles(case, case.surface.remesher, part, part.size.as_ref())?.mesh;
+            report.put_in("remeshing", "recounted", &serde_json::json!({"component": n, "faces": mesh.triangles.len(), "factor": off.sqrt()}));
+            (mesh, made, tried) = make(case, part)?;
+        }
         for note in made.notes {
             report.warn("openings", note);
         }
@@ -62,6 +71,13 @@ pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Rep
         report.warn("openings", "there is no opening: the vessel is closed on all sides; give planes under `openings:`");
     }
     Ok(found.len())
+}
+
+/// The surface of a part with its ends open, made in other ways where it misses a hard gate.
+fn make(case: &Case, part: &Part) -> Result<(TriMesh, Opened, Vec<retry::Tried>), Error> {
+    retry::surface(&part.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
+        cut_part(case, part, attempt, places)
+    })
 }
 
 /// The ends of a part become those that were cut, where they were cut. Only ends without an extension move, so that

@@ -157,6 +157,14 @@ pub fn guidance(case: &Case, voxel: f64, radius: f64) -> GuidanceOptions {
     }
 }
 
+/// Parts of the wall with edge lengths of their own, mm; lengths in voxels are of the smallest edge, those in R and D
+/// of `radius`.
+pub fn patch_edge_lengths(case: &Case, voxel: f64, radius: f64) -> Vec<(&str, Region, f64)> {
+    let lengths = case.surface.patches.iter().filter_map(|p| p.edge_length.map(|l| (p.name.as_str(), l.to_mm(voxel, radius))));
+    let region = |name: &str| wall_patches(case).into_iter().find(|p| p.0 == name).map(|p| p.1);
+    lengths.filter_map(|(name, h)| Some((name, region(name)?, h))).collect()
+}
+
 /// Parts of the wall with names of their own.
 pub fn wall_patches(case: &Case) -> Vec<(&str, Region)> {
     let region = |p: &config::WallPatch| match (&p.sphere, &p.plane) {

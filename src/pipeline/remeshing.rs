@@ -7,8 +7,9 @@ use crate::config::{Case, Remesher};
 use crate::geometry::Point;
 use crate::implicit::Implicit;
 use crate::mask::Mask;
-use crate::mesh::TriMesh;
-use crate::remesh::size_field::GuidanceField;
+use crate::mesh::{self, TriMesh};
+use crate::openings::Opening;
+use crate::remesh::size_field::{EdgeLength, End, GuidanceField};
 use crate::remesh::{self, SizeField, Supports};
 
 /// The guidance field of a component.
@@ -18,6 +19,8 @@ pub(super) fn guidance(
     implicit: &dyn Implicit,
     polygons: &TriMesh,
     centerlines: &Centerlines,
+    openings: &[Opening],
+    share: f64,
 ) -> Result<(GuidanceField, remesh::size_field::Summary), remesh::Error> {
     let mut radii: Vec<(Point, f64)> = centerlines.branches.iter().flat_map(|b| &b.samples).map(|s| (s.point, s.radius)).collect();
     let [x, y, z] = mask.grid.spacing();
@@ -26,8 +29,35 @@ pub(super) fn guidance(
     // Lengths of the whole case in R and D are taken at the median radius.
     let median = sorted.get(sorted.len() / 2).copied().unwrap_or(x);
     radii.retain(|r| r.1 > 0.0);
-    let options = options::guidance(case, x.min(y).min(z), median);
-    GuidanceField::new(polygons, implicit, &radii, [x, y, z], &options)
+    let mut options = options::guidance(case, x.min(y).min(z), median);
+    if let EdgeLength::TargetFaces(n) = &mut options.edge_length {
+        *n = (share * *n as f64).round().max(4.0) as usize;
+    }
+    options.ends = openings.iter().map(|o| End { plane: o.plane, radius: o.radius }).collect();
+    let wishes = options::patch_edge_lengths(case, x.min(y).min(z), median);
+    if wishes.is_empty() {
+        return GuidanceField::new(polygons, implicit, &radii, [x, y, z], &options);
+    }
+    let mut marked = polygons.clone();
+    for (name, region, h) in wishes {
+        // A patch that lies on another component is no fault here; one that lies nowhere is told of when it is made.
+        if let Ok(id) = mesh::regions::mark(&mut marked, name, &region) {
+            options.patches.push((id, h));
+        }
+    }
+    GuidanceField::new(&marked, implicit, &radii, [x, y, z], &options)
+}
+
+/// The guidance field of a part with all lengths times `factor`.
+pub(super) struct Rescaled {
+    pub field: Box<dyn SizeField>,
+    pub factor: f64,
+}
+
+impl SizeField for Rescaled {
+    fn size(&self, p: &Point) -> f64 {
+        self.factor * self.field.size(p)
+    }
 }
 
 /// A remeshed surface and what its remesher says of it.

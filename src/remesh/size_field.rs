@@ -12,10 +12,11 @@ use serde::Serialize;
 
 use super::band_grid::BandGrid;
 use super::curvature::largest_curvature;
+use super::rim_spacing::BALANCE;
 use super::{Error, SizeField};
-use crate::geometry::{Aabb, Point};
+use crate::geometry::{Aabb, Plane, Point};
 use crate::implicit::Implicit;
-use crate::mesh::TriMesh;
+use crate::mesh::{PatchId, TriMesh};
 
 /// Where edge lengths come from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -61,6 +62,22 @@ impl Refinement {
     }
 }
 
+/// A planar end at which the surface will be cut open, for the number of triangles to expect.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct End {
+    /// The plane, its normal out of the vessel.
+    pub plane: Plane,
+    /// Radius of the opening, mm.
+    pub radius: f64,
+}
+
+impl End {
+    /// Whether `p` lies in what the cut takes away: beyond the plane, and not so far that it is of another branch.
+    fn cuts_off(&self, p: &Point) -> bool {
+        self.plane.signed_distance(p) > 0.0 && (p - self.plane.origin).norm() < 3.0 * self.radius
+    }
+}
+
 /// Options of [`GuidanceField::new`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GuidanceOptions {
@@ -84,6 +101,10 @@ pub struct GuidanceOptions {
     pub gradation: f64,
     /// Finer parts.
     pub refine: Vec<Refinement>,
+    /// Patches of the mesh with an edge length of their own, mm, instead of `edge_length`.
+    pub patches: Vec<(PatchId, f64)>,
+    /// Where the surface will be cut open.
+    pub ends: Vec<End>,
 }
 
 impl Default for GuidanceOptions {
@@ -99,6 +120,8 @@ impl Default for GuidanceOptions {
             scale: 1.0,
             gradation: 0.15,
             refine: Vec::new(),
+            patches: Vec::new(),
+            ends: Vec::new(),
         }
     }
 }
@@ -116,6 +139,8 @@ pub struct Limits {
     pub fixed: f64,
     /// Spheres and boxes.
     pub refinement: f64,
+    /// The length given for a patch.
+    pub patch: f64,
     /// Shortest length.
     pub min: f64,
     /// Longest length.
@@ -175,8 +200,12 @@ impl GuidanceField {
         let radius = local_radius(mesh, radii, &kappa);
         let min = options.min.unwrap_or(0.2 * voxel);
         let max = options.max.unwrap_or(f64::INFINITY);
+        let own = patch_lengths(mesh, &options.patches);
         let wish = |v: usize| {
             let round = |n: f64| 2.0 * radius[v] * (PI / n).sin();
+            if let Some(h) = own[v] {
+                return (h.min(round(options.least_edges_per_circumference)), Rule::Patch);
+            }
             match options.edge_length {
                 EdgeLength::Fixed(h) => {
                     let least = round(options.least_edges_per_circumference);
@@ -192,7 +221,12 @@ impl GuidanceField {
             }
         };
         let wishes: Vec<(f64, Rule)> = (0..mesh.points.len()).into_par_iter().map(wish).collect();
-        let area = vertex_areas(mesh);
+        let mut area = vertex_areas(mesh);
+        for (p, a) in mesh.points.iter().zip(&mut area) {
+            if options.ends.iter().any(|e| e.cuts_off(p)) {
+                *a = 0.0;
+            }
+        }
         let bounded = |v: usize, scale: f64| {
             let (h, rule) = wishes[v];
             let (mut h, mut rule) = (h * scale, rule);
@@ -218,7 +252,7 @@ impl GuidanceField {
             let grid = BandGrid::new(&bounds, voxel.max(0.05 * longest), &samples, options.gradation, longest);
             let field = GuidanceField { grid };
             let sizes: Vec<f64> = mesh.points.par_iter().map(|p| field.size(p)).collect();
-            let faces = predicted_faces(&area, &sizes);
+            let faces = predicted_faces(&area, &sizes) + options.ends.iter().map(|e| cap_faces(e, &field)).sum::<f64>();
             (field, sizes, faces)
         };
         let mut scale = options.scale;
@@ -269,6 +303,7 @@ enum Rule {
     Chord,
     Fixed,
     Refinement,
+    Patch,
     Min,
     Max,
 }
@@ -295,6 +330,7 @@ fn check_lengths(o: &GuidanceOptions) -> Result<(), Error> {
             }
         }
     }
+    named.extend(o.patches.iter().map(|p| ("patches.edge_length", Some(p.1))));
     match named.into_iter().find(|(_, v)| v.is_some_and(|v| !(v.is_finite() && v > 0.0))) {
         Some((name, Some(value))) => Err(Error::BadLength { name, value }),
         _ => Ok(()),
@@ -332,9 +368,36 @@ fn vertex_areas(mesh: &TriMesh) -> Vec<f64> {
     area
 }
 
-/// Triangles of a mesh whose edges have the wished lengths.
+/// The edge length that a patch gives to its vertices: the shortest where several meet.
+fn patch_lengths(mesh: &TriMesh, patches: &[(PatchId, f64)]) -> Vec<Option<f64>> {
+    let mut own: Vec<Option<f64>> = vec![None; mesh.points.len()];
+    for &(id, h) in patches {
+        for t in (0..mesh.triangles.len()).filter(|&t| mesh.patch.get(t) == Some(&id)) {
+            for v in mesh.triangles[t] {
+                let o = &mut own[v as usize];
+                *o = Some(o.map_or(h, |x| x.min(h)));
+            }
+        }
+    }
+    own
+}
+
+/// Area of a triangle of a mesh whose wish is `h`.
+fn triangle_area(h: f64) -> f64 {
+    0.75f64.sqrt() * 0.5 * (BALANCE * h).powi(2)
+}
+
+/// Triangles of a mesh under the field.
 fn predicted_faces(area: &[f64], sizes: &[f64]) -> f64 {
-    area.iter().zip(sizes).map(|(a, h)| a / (0.75f64.sqrt() * 0.5 * h * h)).sum()
+    area.iter().zip(sizes).map(|(a, h)| a / triangle_area(*h)).sum()
+}
+
+/// Triangles of a cap under the field.
+fn cap_faces(end: &End, field: &GuidanceField) -> f64 {
+    let (u, v) = end.plane.basis();
+    let rim = [u, v, -u, -v].map(|d| field.size(&(end.plane.origin + d * end.radius)));
+    let h = rim.iter().sum::<f64>() / 4.0;
+    PI * end.radius * end.radius / triangle_area(h)
 }
 
 fn summarise(
@@ -358,6 +421,7 @@ fn summarise(
         chord: part(Rule::Chord),
         fixed: part(Rule::Fixed),
         refinement: part(Rule::Refinement),
+        patch: part(Rule::Patch),
         min: part(Rule::Min),
         max: part(Rule::Max),
     };
@@ -370,6 +434,7 @@ fn summarise(
         (decided_by.chord, "by chord error".into()),
         (decided_by.fixed, "as given".into()),
         (decided_by.refinement, "by refinement".into()),
+        (decided_by.patch, "as given for a patch".into()),
         (decided_by.min, "at the shortest length".into()),
         (decided_by.max, "at the longest length".into()),
     ];
@@ -437,6 +502,41 @@ mod tests {
         let options = GuidanceOptions { edge_length: EdgeLength::TargetFaces(6000), ..GuidanceOptions::default() };
         let (_, summary) = GuidanceField::new(&mesh, &f, &[], VOXEL, &options).unwrap();
         assert!((summary.predicted_faces as f64 / 6000.0 - 1.0).abs() < 0.02, "{summary:?}");
+    }
+
+    #[test]
+    fn an_end_that_will_be_cut_does_not_count() {
+        let f = Capsules::tube(2.0, 20.0);
+        let mesh = polygonize(&f, 0.4);
+        let predicted = |ends: Vec<End>| {
+            let options = GuidanceOptions { edge_length: EdgeLength::Fixed(0.5), ends, ..GuidanceOptions::default() };
+            GuidanceField::new(&mesh, &f, &[], VOXEL, &options).unwrap().1.predicted_faces as f64
+        };
+        let plane = Plane::new(Point::new(0.0, 0.0, 7.0), Vector::new(0.0, 0.0, 1.0)).unwrap();
+        let (whole, cut) = (predicted(Vec::new()), predicted(vec![End { plane, radius: 2.0 }]));
+        // The tube ends at z = 10 in half a sphere; instead there is a disc.
+        let taken = 2.0 * PI * 2.0 * (10.0 - 7.0) + 2.0 * PI * 4.0 - PI * 4.0;
+        assert!(((whole - cut) * triangle_area(0.5) / taken - 1.0).abs() < 0.1, "{whole} {cut}");
+    }
+
+    #[test]
+    fn a_patch_has_its_own_length_longer_or_shorter() {
+        let f = Capsules::tube(2.0, 20.0);
+        let mut mesh = polygonize(&f, 0.4);
+        for t in 0..mesh.triangles.len() {
+            let [a, b, c] = mesh.corners(t);
+            if a.z + b.z + c.z > 12.0 {
+                mesh.patch[t] = 7;
+            }
+        }
+        for h in [0.2, 1.0] {
+            let options = GuidanceOptions { edge_length: EdgeLength::Fixed(0.5), patches: vec![(7, h)], ..GuidanceOptions::default() };
+            let (field, summary) = GuidanceField::new(&mesh, &f, &[], VOXEL, &options).unwrap();
+            assert!((field.size(&Point::new(2.0, 0.0, 9.0)) - h).abs() < 0.05, "{h} {}", field.size(&Point::new(2.0, 0.0, 9.0)));
+            // Read from a lattice: up to the gradation times half a cell more than the wish.
+            assert!((field.size(&Point::new(2.0, 0.0, -9.0)) - 0.5).abs() < 0.06);
+            assert!(summary.decided_by.patch > 0.2 && summary.why.contains("given for a patch"), "{}", summary.why);
+        }
     }
 
     #[test]
