@@ -242,7 +242,7 @@ pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
         drafts.push(draft(case, &source, &mut clock, &mut report, component)?);
     }
     let lines = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
-    let found = clock.run("ends", || ends(case, &mask, &lines, &mut report), |(o, _)| format!("{} openings", o.len()))?;
+    let found = clock.run("ends", || ends(case, &mask, &lines, &drafts, &mut report), |(o, _)| format!("{} openings", o.len()))?;
     let mut parts = Vec::new();
     let shares = shares(&drafts);
     for (draft, share) in drafts.into_iter().zip(shares) {
@@ -262,7 +262,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     }
     let traced = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
     let found = if context.stop_after >= Stage::Surface {
-        clock.run("ends", || ends(case, &outcome.mask, &traced, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
+        clock.run("ends", || ends(case, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
     } else {
         Vec::new()
     };
@@ -458,13 +458,26 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
 const PAD: usize = 4;
 
 /// The planes at which to cut: those detected, and what the user wants of them.
-fn ends(case: &Case, mask: &Mask, lines: &Centerlines, report: &mut Report) -> Result<(Vec<Opening>, DetectReport), Error> {
+fn ends(
+    case: &Case,
+    mask: &Mask,
+    lines: &Centerlines,
+    drafts: &[Draft],
+    report: &mut Report,
+) -> Result<(Vec<Opening>, DetectReport), Error> {
     // The centerlines run on through the padding; so must the mask that they are held against.
     let padded = mask::crop_pad(mask, 4, PAD);
-    let (detected, summary) = match case.openings.detect {
+    let (mut detected, mut summary) = match case.openings.detect {
         Detect::Auto => openings::detect(&padded, lines, &Default::default()),
         Detect::Off => Default::default(),
     };
+    for o in &mut detected {
+        let Some(draft) = drafts.get(o.component as usize) else { continue };
+        *o = openings::refine(&padded, draft.implicit.as_ref(), o);
+        if let Some(f) = summary.found.iter_mut().find(|f| f.name == o.name) {
+            f.center = o.plane.origin;
+        }
+    }
     for w in &summary.warnings {
         report.warn("openings", w.clone());
     }

@@ -4,9 +4,7 @@
 //! not: in a straight vessel it lies on the axis whatever the plane's tilt, so that a line through the middles of a few
 //! sections gives the axis even where the first guess is far off.
 
-use super::section::section;
 use crate::geometry::{Plane, Point, Vector};
-use crate::mask::Mask;
 
 /// Sections to either side reach this many radii inwards and towards the tip.
 const WINDOW: [f64; 2] = [1.25, 0.75];
@@ -16,17 +14,16 @@ const VOXELS: f64 = 2.5;
 const PASSES: usize = 4;
 
 /// The axis through the vessel at `p`, whose first guess is `outward`: a point on it in the plane of `p`, and its unit
-/// direction towards the tip. `inwards` bounds the look away from the tip, mm; `whole` says whether a section of some
-/// middle and reach may be used. The first guess where fewer than three sections can be.
+/// direction towards the tip. `inwards` bounds the look away from the tip, mm; `cross` gives middle and area of the
+/// section by a plane, where that section may be used. The first guess where fewer than three sections can be.
 pub(super) fn axis(
-    mask: &Mask,
     p: &Point,
     outward: &Vector,
     radius: f64,
+    spacing: [f64; 3],
     inwards: f64,
-    whole: impl Fn(&Plane, f64) -> bool,
+    cross: impl Fn(&Plane) -> Option<(Point, f64)>,
 ) -> (Point, Vector) {
-    let spacing = mask.grid.spacing();
     let voxel = spacing.into_iter().fold(f64::INFINITY, f64::min);
     let coarse = spacing.into_iter().fold(0.0, f64::max);
     let back = (WINDOW[0] * radius).max(VOXELS * coarse).min(inwards.max(0.5 * radius));
@@ -39,9 +36,8 @@ pub(super) fn axis(
         for i in -steps(back)..=steps(ahead) {
             let h = i as f64 * step;
             let Some(plane) = Plane::new(middle + direction * h, direction) else { continue };
-            let Some(s) = section(mask, &plane, 3.0 * radius + 2.0 * voxel) else { continue };
-            if !s.clipped && whole(&plane, s.reach.min(2.5 * radius)) {
-                found.push((h, s.center, s.area));
+            if let Some((center, area)) = cross(&plane) {
+                found.push((h, center, area));
             }
         }
         let mut areas: Vec<f64> = found.iter().map(|f| f.2).collect();
@@ -78,7 +74,8 @@ mod tests {
     use nalgebra::Matrix3;
 
     use super::*;
-    use crate::mask::Grid;
+    use crate::mask::{Grid, Mask};
+    use crate::openings::section::section;
 
     #[test]
     fn the_axis_of_a_slanted_tube_is_found_from_a_guess_forty_degrees_off() {
@@ -96,7 +93,7 @@ mod tests {
         let mask = Mask::new(grid, data);
         let guess = Vector::new(-0.4, 0.3, 0.8).normalize();
         assert!(guess.angle(&axis_direction).to_degrees() > 40.0);
-        let (p, d) = axis(&mask, &center, &guess, 2.5, 9.0, |_, _| true);
+        let (p, d) = axis(&center, &guess, 2.5, [0.5, 0.5, 1.0], 9.0, |q| section(&mask, q, 8.5).filter(|s| !s.clipped).map(|s| (s.center, s.area)));
         assert!(d.angle(&axis_direction).to_degrees() < 3.0, "{}", d.angle(&axis_direction).to_degrees());
         let off = p - center;
         assert!((off - axis_direction * off.dot(&axis_direction)).norm() < 0.15, "{off}");

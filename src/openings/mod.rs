@@ -7,6 +7,7 @@ mod cut;
 mod detect;
 mod extend;
 mod names;
+mod refine;
 mod rims;
 mod section;
 mod shared;
@@ -17,6 +18,7 @@ pub use cut::{CutOptions, CutSummary, Cutter, OpeningMeasure, cut, cut_each, mea
 pub use rims::{RimOptions, RimSummary};
 pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
 pub use extend::{ExtendError, Extended, Extension, Tube, equivalent_radius};
+pub use refine::refine;
 pub use section::{Section, section};
 pub use user::{UserError, UserOpenings, UserPlane, apply_user};
 

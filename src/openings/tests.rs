@@ -20,7 +20,9 @@ fn score(phantom: &phantom::Phantom) -> Score {
     let ends = phantom.ends(&picture.grid);
     let mut s = Score { ends: ends.len(), ..Score::default() };
     let (lines, _) = trace(&mask, &CenterlineOptions::default()).unwrap();
-    let (openings, report) = detect(&mask, &lines, &DetectOptions::default());
+    let (found, report) = detect(&mask, &lines, &DetectOptions::default());
+    let (wall, _) = crate::implicit::smooth::fit(&mask, &Default::default()).unwrap();
+    let openings: Vec<Opening> = found.iter().map(|o| refine(&mask, &wall, o)).collect();
     let mut used = vec![false; openings.len()];
     for end in &ends {
         let near = |o: &Opening| (o.plane.origin - end.plane.origin).norm();

@@ -83,12 +83,16 @@ impl Walk {
         let further: [(Point, Vector, f64); 2] = [0.5, 1.0].map(|f| self.at(t + f * (far - t), usable));
         let mut guesses = vec![own, further[0].1, further[1].1];
         guesses.extend((p - further[1].0).try_normalize(0.1 * r));
+        let cross = |plane: &Plane| {
+            let s = section(mask, plane, 3.0 * r + 2.0 * voxel).filter(|s| !s.clipped && whole(plane, s.reach.min(2.5 * r)))?;
+            Some((s.center, s.area))
+        };
         let mut best: Option<(f64, Point, Vector)> = None;
         for guess in guesses {
             if best.as_ref().is_some_and(|b| b.2.dot(&guess) > 0.98) {
                 continue;
             }
-            let (q, d) = axis(mask, &p, &guess, r, inwards, whole);
+            let (q, d) = axis(&p, &guess, r, mask.grid.spacing(), inwards, cross);
             let inside = Plane::new(q - d * (0.5 * r).min(inwards), d);
             let area = inside.and_then(|plane| section(mask, &plane, 4.0 * r + 2.0 * voxel)).map_or(f64::INFINITY, |s| s.area);
             if best.as_ref().is_none_or(|b| area < 0.97 * b.0) {

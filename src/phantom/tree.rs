@@ -55,9 +55,12 @@ pub fn random_tree(seed: u64, options: &TreeOptions) -> Phantom {
     let mut phantom = closed(&format!("a random vessel tree, seed {seed}"), grower.primitives);
     phantom.name = format!("tree-{seed}");
     phantom.spacing = [(0.2 * radius * 10.0).round() / 10.0; 3];
-    if cut {
-        // Half-way along the first piece, which is straight and longer than it is wide.
-        phantom.window[2][0] = Some(0.5 * (grower.tips[0].from.z + grower.tips[0].to.z));
+    // Half-way along the first piece, which is straight and longer than it is wide; only where no other branch comes
+    // down as far, whose end would leave the picture with it.
+    let border = 0.5 * (grower.tips[0].from.z + grower.tips[0].to.z);
+    let lowest = grower.pieces[1..].iter().flat_map(|p| [p.a.z - p.radii[0], p.b.z - p.radii[1]]).fold(f64::INFINITY, f64::min);
+    if cut && border < lowest {
+        phantom.window[2][0] = Some(border);
     }
     phantom.tips = grower.tips;
     phantom
