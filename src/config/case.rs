@@ -279,6 +279,10 @@ pub struct Surface {
     /// The equi-angle skewness that angle repair works towards.
     #[schemars(range(min = 0.2, max = 0.95))]
     pub target_skewness: f64,
+    /// Whether the vertices of the wall are moved outwards by the mean chord error of their triangles, so that the mesh
+    /// encloses what the wall encloses; unset: yes in profile `cfd`, no in profile `paper`. The shift is reported.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chord_correction: Option<bool>,
 }
 
 impl Default for Surface {
@@ -296,6 +300,7 @@ impl Default for Surface {
             patches: Vec::new(),
             max_skewness: 0.75,
             target_skewness: 0.45,
+            chord_correction: None,
         }
     }
 }

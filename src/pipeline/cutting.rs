@@ -7,7 +7,7 @@ use super::{Part, gates, options, remeshing, results, retry};
 use crate::config::Case;
 use crate::geometry::Point;
 use crate::mask::Mask;
-use crate::mesh::{PatchKind, TriMesh};
+use crate::mesh::{PatchKind, TriMesh, intersect};
 use crate::openings::{self, FoundBy, Opening};
 use crate::remesh::{self, SizeField, Supports};
 use crate::report::Report;
@@ -48,9 +48,18 @@ pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Rep
         take_over(part, made.openings);
         let supports = carriers(part);
         off_implicit = off_implicit.max(remesh::off_implicit(&mesh, &supports));
+        if options::chord_correction(case) {
+            let (corrected, summary) = remesh::chord::compensate(&mesh, &supports, options::skewness_targets(case));
+            // Where two sheets nearly touch, they stay as they are.
+            let touching = !intersect::self_intersections(&corrected).is_empty() && intersect::self_intersections(&mesh).is_empty();
+            report.put_in("remeshing", "chord_correction", &serde_json::json!({"applied": !touching, "summary": summary}));
+            if !touching {
+                mesh = corrected;
+            }
+        }
+        measures.extend(part.openings.iter().map(|o| openings::measure(&mesh, o)));
         part.surface = mesh;
         part.polygons = TriMesh::default();
-        measures.extend(made.measures);
         report.put_in("remeshing", "cuts", &made.summary);
     }
     let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
@@ -100,7 +109,6 @@ pub(super) fn carriers(part: &Part) -> Supports<'_> {
 /// What cutting a component open gave.
 struct Opened {
     openings: Vec<Opening>,
-    measures: Vec<openings::OpeningMeasure>,
     summary: openings::CutSummary,
     front_fraction: Option<f64>,
     notes: Vec<String>,
@@ -137,8 +145,8 @@ fn open(case: &Case, part: &Part, mesh: &TriMesh, size: &dyn SizeField, front_fr
         Ok::<_, openings::Error>(other)
     })?;
     let openings = cutter.openings();
-    let (mesh, measures, summary) = cutter.finish();
-    Ok((mesh, Opened { openings, measures, summary, front_fraction, notes }))
+    let (mesh, _, summary) = cutter.finish();
+    Ok((mesh, Opened { openings, summary, front_fraction, notes }))
 }
 
 /// What to do about an end that cannot be cut: one that was found is moved inwards, and after [`MOVES`] moves left

@@ -28,7 +28,7 @@ pub fn surface(report: &mut Report, case: &Case, topology: &TopologyReport, cros
         patches.map(|p| p.s_max).fold(0.0, f64::max)
     };
     report.gate(Gate::advisory("equi-angle skewness aimed at, wall and rims", worst(true), Limit::AtMost(s.target_skewness)));
-    report.gate(Gate::advisory("equi-angle skewness aimed at, caps", worst(false), Limit::AtMost(s.target_skewness + 0.05)));
+    report.gate(Gate::advisory("equi-angle skewness aimed at, caps", worst(false), Limit::AtMost(super::options::skewness_targets(case)[1])));
     report.gate(Gate::hard(
         "Euler characteristic of the surface = 2 × that of the cleaned mask",
         topology.euler as f64,

@@ -124,6 +124,16 @@ pub fn surface_quality(case: &Case) -> SurfaceOptions {
     SurfaceOptions { limit: case.surface.max_skewness, ..SurfaceOptions::default() }
 }
 
+/// Whether the chord error is undone: the paper's profile leaves its vertices on the implicit.
+pub fn chord_correction(case: &Case) -> bool {
+    case.surface.chord_correction.unwrap_or(case.reconstruction.profile == config::Profile::Cfd)
+}
+
+/// Skewness aimed at, of wall and of caps.
+pub fn skewness_targets(case: &Case) -> [f64; 2] {
+    [case.surface.target_skewness, case.surface.target_skewness + 0.05]
+}
+
 pub fn cut(case: &Case) -> CutOptions {
     CutOptions { repair: repair(case), ..CutOptions::default() }
 }

@@ -6,6 +6,7 @@ pub mod angle_repair;
 mod anneal;
 mod band_grid;
 pub mod curvature;
+pub mod chord;
 pub(crate) mod cutout;
 mod even;
 pub mod improve;

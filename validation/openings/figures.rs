@@ -9,10 +9,10 @@ use std::sync::atomic::AtomicBool;
 use lumenmesh::centerline::{CenterlineOptions, trace};
 use lumenmesh::config::Case;
 use lumenmesh::geometry::{Plane, Point, Vector};
-use lumenmesh::implicit::Implicit;
+use lumenmesh::implicit::{Implicit, smooth};
 use lumenmesh::io::nrrd;
 use lumenmesh::mask::crop_pad;
-use lumenmesh::openings::{DetectOptions, detect};
+use lumenmesh::openings::{DetectOptions, Opening, detect, refine};
 use lumenmesh::phantom::{self, Phantom, TreeOptions, random_tree};
 use lumenmesh::pipeline::{self, Context, Silent, Stage};
 use rayon::prelude::*;
@@ -90,7 +90,11 @@ fn tree(phantom: &Phantom) -> (usize, usize, usize, Vec<String>) {
         Ok((lines, _)) => lines,
         Err(e) => return (ends.len(), 0, 0, vec![format!("{}: {e}", phantom.name)]),
     };
-    let (openings, report) = detect(&mask, &lines, &DetectOptions::default());
+    let (found, report) = detect(&mask, &lines, &DetectOptions::default());
+    let openings: Vec<Opening> = match smooth::fit(&mask, &Default::default()) {
+        Ok((wall, _)) => found.iter().map(|o| refine(&mask, &wall, o)).collect(),
+        Err(_) => found,
+    };
     let mut used = vec![false; openings.len()];
     let mut right = 0;
     for end in &ends {
