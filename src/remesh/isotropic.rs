@@ -193,6 +193,9 @@ pub(crate) fn split_stands(s: &Surface, h: u32, p: &Point, n: &Vector) -> bool {
     })
 }
 
+/// Classes of length in which edges are collapsed, the shortest first.
+const CLASSES: f64 = 6.0;
+
 /// Collapses edges shorter than `below` wished lengths, shortest first, where none longer than `above` arises.
 fn collapse_short(s: &mut Surface, below: f64, above: f64) -> usize {
     let limit = below * below;
@@ -200,16 +203,25 @@ fn collapse_short(s: &mut Surface, below: f64, above: f64) -> usize {
     let mut count = 0;
     for _ in 0..8 {
         s.compact();
-        let mut short: Vec<(f64, u32, u32)> = edges(s)
+        // Half-edges by classes of length, in the order of their ids within each: neighbours come one after the other,
+        // which memory likes.
+        let mut short: Vec<u64> = edges(s)
             .into_par_iter()
-            .map(|h| (s.mesh.origin(h), s.mesh.target(h)))
-            .map(|(a, b)| (s.relative_length2(a, b), a, b))
+            .map(|h| (s.relative_length2(s.mesh.origin(h), s.mesh.target(h)), h))
             .filter(|e| e.0 < limit)
+            .map(|(l, h)| ((CLASSES * (l / limit).sqrt()) as u64) << 32 | u64::from(h))
             .collect();
-        short.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        short.par_sort_unstable();
         let before = count;
-        for (_, a, b) in short {
-            let Some(h) = s.mesh.find(a, b) else { continue };
+        for h in short.into_iter().map(|key| key as u32) {
+            // Collapses before may have taken the edge away or drawn it out.
+            if !s.mesh.has_triangle(h / 3) {
+                continue;
+            }
+            let (a, b) = (s.mesh.origin(h), s.mesh.target(h));
+            if s.relative_length2(a, b) >= limit {
+                continue;
+            }
             // The firmer vertex stays; of equals the one with more edges.
             let key = |v: u32| (s.kind[v as usize].rank(), s.mesh.valence(v));
             let first = if key(a) <= key(b) { h } else { s.mesh.twin(h) };
