@@ -4,15 +4,16 @@
     validation/remeshing/skewness.py [--scales 1,0.5,2] [--remesher isotropic] [--table FILE] [MASK|PHANTOM ...]
 
 Without names: all built-in phantoms and all masks of ../shared/data. Runs `lumenmesh mesh --stop-after surface` and
-reads report.json. A bound that does not hold is set in **bold**. Needs Python alone and a release build.
+reads report.json. A bound that does not hold is set in **bold**. Needs Python alone and a release build (or a program
+named by LUMENMESH).
 """
-import argparse, json, shutil, subprocess, sys, time
+import argparse, json, os, shutil, subprocess, sys, time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "../shared/data"
 WORK = ROOT / "target/validation/skewness"
-PROGRAM = ROOT / "target/release/lumenmesh"
+PROGRAM = Path(os.environ.get("LUMENMESH", ROOT / "target/release/lumenmesh"))
 
 
 def everything():
@@ -116,9 +117,10 @@ def main():
                 line = f"| {label} | {scale:g} | **{said[:300]}** |" + " |" * 9
             lines.append(line)
             print(line, flush=True)
-    if options.table:
-        Path(options.table).parent.mkdir(parents=True, exist_ok=True)
-        Path(options.table).write_text("\n".join(lines) + "\n")
+            if options.table:
+                # Row by row: a run that is stopped keeps what it has.
+                Path(options.table).parent.mkdir(parents=True, exist_ok=True)
+                Path(options.table).write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
