@@ -34,10 +34,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let only_raw = rest.get(1).is_some_and(|p| p == "raw");
     fs::create_dir_all(out)?;
     let mut seconds = Vec::new();
-    let mut clock = Instant::now();
+    let mut processor = Vec::new();
+    let (mut clock, mut used) = (Instant::now(), processor_seconds());
     let mut lap = |name: &str| {
         seconds.push((name.to_string(), serde_json::json!(clock.elapsed().as_secs_f64())));
-        clock = Instant::now();
+        let now = processor_seconds();
+        processor.push((name.to_string(), serde_json::json!(now.zip(used).map(|(a, b)| a - b))));
+        (clock, used) = (Instant::now(), now);
     };
 
     let image = lumenmesh::io::image::read(input)?;
@@ -57,6 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             "volume": surface.volume(), "mask_volume": mask.volume(), "voxels": mask.grid.len(), "boundary_voxels": boundary_voxels(&mask),
             "peak_memory_bytes": peak_memory(),
             "seconds": seconds.into_iter().collect::<serde_json::Map<String, serde_json::Value>>(),
+            "processor_seconds": processor.into_iter().collect::<serde_json::Map<String, serde_json::Value>>(),
         });
         println!("{report:#}");
         return Ok(());
@@ -119,6 +123,13 @@ fn boundary_voxels(mask: &Mask) -> usize {
         }
     }
     count
+}
+
+/// Time that all threads together have had a processor, where the system tells.
+fn processor_seconds() -> Option<f64> {
+    let tasks = fs::read_dir("/proc/self/task").ok()?;
+    let one = |t: std::io::Result<fs::DirEntry>| fs::read_to_string(t.ok()?.path().join("schedstat")).ok()?.split_whitespace().next()?.parse::<f64>().ok();
+    Some(tasks.filter_map(one).sum::<f64>() * 1e-9)
 }
 
 /// Most memory that the process has held, where the system tells.

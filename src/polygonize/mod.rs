@@ -123,7 +123,8 @@ pub fn polygonize(
     in_range("offset", options.offset, offset_ok, "it must lie between -2 and 2 voxel diagonals")?;
     let lattice = Lattice::along(&mask.grid, options.cell);
     let level = options.offset * mask.grid.voxel_diagonal();
-    march::sweep(implicit, &lattice, lattice::boundary_cells(mask, &lattice), level)
+    // Many short parallel loops: from a thread of the pool they start without waking and waiting.
+    rayon::scope(|_| march::sweep(implicit, &lattice, lattice::boundary_cells(mask, &lattice), level))
 }
 
 /// Polygonizes `implicit` on any lattice, starting in the cells that contain `seeds`.
@@ -146,7 +147,7 @@ pub fn polygonize_from(
             cells.push([c[0] + n % 3 - 1, c[1] + n / 3 % 3 - 1, c[2] + n / 9 - 1]);
         }
     }
-    march::sweep(implicit, lattice, cells, level)
+    rayon::scope(|_| march::sweep(implicit, lattice, cells, level))
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """How near the reconstructed wall lies to the true one, beside what users have today.
 
-    validation/accuracy/run.sh [DATA]
+    validation/accuracy/run.sh [DATA [NAME...]]
 
 Every built-in phantom and, where DATA (default ../shared/data) is present, its phantoms and its real masks with the
 surfaces they were made from. Per mask, in one run: the smooth fit polygonized at half a voxel (before remeshing),
 marching cubes (vtkFlyingEdges3D) and marching cubes smoothed as Taubin's (vtkWindowedSincPolyDataFilter, pass band 0.1,
-30 iterations). Writes validation/results/accuracy/README.md and pictures.
+30 iterations). Writes validation/results/accuracy/README.md and pictures; with names, prints the figures of these alone.
 """
 import gzip, json, subprocess, sys, tempfile, time
 from pathlib import Path
@@ -17,13 +17,19 @@ import vtk
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "validation"))
+from surfaces import Closest, labels, picture, read_stl, to_world, triangles
+
 RESULTS = ROOT / "validation/results/accuracy"
 WORK = ROOT / "target/validation/accuracy"
 TOOL = ROOT / "target/release/examples/mask_to_surface"
+RANDOM = ROOT / "target/release/examples/random_phantoms"
 PROGRAM = ROOT / "target/release/lumenmesh"
 SAMPLES = 40000
 BORDER = 4.0  # samples nearer to the picture's border than this, in voxels, are left out: vessels are cut there
+WALL = 1
 LIMITS = dict(median=0.03, rms=0.05, bias=0.01, p99=0.15, max=0.45)
+REMESHED = dict(bias=0.015, n50=5.0)
 NORMALS = {False: (3.5, 15.0), True: (5.0, 20.0)}
 
 
@@ -78,17 +84,6 @@ def formula(path):
     return both
 
 
-def mesh_of(poly):
-    return vtk_to_numpy(poly.GetPoints().GetData()).astype(float), vtk_to_numpy(poly.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-
-
-def read_stl(path):
-    r = vtk.vtkSTLReader()
-    r.SetFileName(str(path))
-    r.Update()
-    return r.GetOutput()
-
-
 def normals_of(p, f):
     n = np.cross(p[f[:, 1]] - p[f[:, 0]], p[f[:, 2]] - p[f[:, 0]])
     return n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
@@ -103,20 +98,13 @@ def surface_truth(path):
             poly = read_stl(t.name)
     else:
         poly = read_stl(path)
-    p, f = mesh_of(poly)
+    p, f = triangles(poly)
     n = normals_of(p, f)
-    locator = vtk.vtkStaticCellLocator()
-    locator.SetDataSet(poly)
-    locator.BuildLocator()
+    closest = Closest(poly)
 
     def both(x, _):
-        cell, sub, d2, ids, c = vtk.vtkGenericCell(), vtk.mutable(0), vtk.mutable(0.0), vtk.mutable(0), [0.0] * 3
-        d, face = np.empty(len(x)), np.empty(len(x), int)
-        for i, q in enumerate(x):
-            locator.FindClosestPoint(q, c, cell, ids, sub, d2)
-            face[i] = int(ids)
-            d[i] = np.copysign(float(d2) ** 0.5, (q - c) @ n[face[i]])
-        return d, n[face]
+        squared, face, near = closest(x)
+        return np.copysign(squared**0.5, np.einsum("ij,ij->i", x - near, n[face])), n[face]
 
     return both
 
@@ -132,13 +120,20 @@ def sample(p, f):
     return a + u[:, None] * (p[f[i, 1]] - a) + v[:, None] * (p[f[i, 2]] - a), i
 
 
-def measure(poly, truth, image):
-    p, f = mesh_of(poly)
+def measure(poly, truth, image, lids=()):
+    """Figures of a surface's wall: what lies on the `lids` (end planes that close a true surface) is left out."""
+    p, f = triangles(poly)
+    ids = poly.GetCellData().GetArray("PatchId")
+    if ids is not None:
+        f = f[vtk_to_numpy(ids) == WALL]
     x, face = sample(p, f)
     spacing, diagonal = np.array(image.GetSpacing()), float(np.linalg.norm(image.GetSpacing()))
     axes = np.array(image.GetDirection()).reshape(3, 3) @ np.diag(spacing)
     at = (x - np.array(image.GetOrigin())) @ np.linalg.inv(axes).T
     keep = np.all((at > BORDER) & (at < np.array(image.GetSize()) - 1 - BORDER), axis=1)
+    for end in lids:
+        w = x - np.array(end["center"])
+        keep &= (w @ np.array(end["normal"]) < -diagonal) | (np.linalg.norm(w, axis=1) > 1.5 * end["radius"] + diagonal)
     x, face = x[keep], face[keep]
     d, g = truth(x, diagonal)
     d = d / diagonal
@@ -149,15 +144,11 @@ def measure(poly, truth, image):
 
 
 def peers(image):
-    """Marching cubes and its smoothed surface; seconds of both together, the better of three runs."""
-    array = np.pad((sitk.GetArrayFromImage(image) > 0).astype(np.uint8), 1)
-    grid = vtk.vtkImageData()
-    grid.SetDimensions(*array.shape[::-1])
-    grid.SetSpacing(*image.GetSpacing())
-    grid.GetPointData().SetScalars(numpy_to_vtk(array.ravel(), deep=True))
-    seconds = []
-    for _ in range(3):
-        start = time.perf_counter()
+    """Marching cubes and its smoothed surface; seconds and processor seconds of both together, the best of five runs."""
+    grid = labels(image)
+    seconds, processor = [], []
+    for _ in range(5):
+        start, used = time.perf_counter(), time.process_time()
         cubes = vtk.vtkFlyingEdges3D()
         cubes.SetInputData(grid)
         cubes.SetValue(0, 0.5)
@@ -170,86 +161,37 @@ def peers(image):
         sinc.NormalizeCoordinatesOn()
         sinc.Update()
         seconds.append(time.perf_counter() - start)
-    out = {}
-    direction, origin = np.array(image.GetDirection()).reshape(3, 3), np.array(image.GetOrigin())
-    for name, poly in (("marching cubes", cubes.GetOutput()), ("Taubin", sinc.GetOutput())):
-        p = (vtk_to_numpy(poly.GetPoints().GetData()).astype(float) - np.array(image.GetSpacing())) @ direction.T + origin
-        points = vtk.vtkPoints()
-        points.SetDataTypeToDouble()
-        points.SetData(numpy_to_vtk(np.ascontiguousarray(p), deep=True))
-        poly.SetPoints(points)
-        out[name] = poly
-    return out, min(seconds)
+        processor.append(time.process_time() - used)
+    out = {"marching cubes": to_world(cubes.GetOutput(), image), "Taubin": to_world(sinc.GetOutput(), image)}
+    return out, (min(seconds), min(processor))
 
 
-def ours(path, out):
-    best = None
-    for _ in range(3):
+def fit(path, out, rounds):
+    """Makes the fit before remeshing; its report, and seconds and processor seconds from cleaned mask to polygonized surface, the best of some runs."""
+    reports = []
+    for _ in range(rounds):
         run = subprocess.run([str(TOOL), str(path), str(out), "smooth"], capture_output=True, text=True)
         if run.returncode:
             raise SystemExit(f"{path}: {run.stderr}")
-        report = json.loads(run.stdout)
-        t = report["seconds"]["fit"] + report["seconds"]["polygonize"]
-        if best is None or t < best[0]:
-            best = (t, report)
-    return read_stl(out / "polygonized.stl"), best[1], best[0]
+        reports.append(json.loads(run.stdout))
+    best = [min(r[kind]["fit"] + r[kind]["polygonize"] for r in reports) for kind in ("seconds", "processor_seconds")]
+    return reports[0], best
 
 
-def picture(parts, path):
-    """The surfaces side by side, coloured by signed distance to the truth in voxel diagonals."""
-    table = vtk.vtkColorTransferFunction()
-    table.SetColorSpaceToDiverging()
-    for x, c in ((-0.3, (0.23, 0.30, 0.75)), (0.0, (0.87, 0.87, 0.87)), (0.3, (0.71, 0.02, 0.15))):
-        table.AddRGBPoint(x, *c)
-    window = vtk.vtkRenderWindow()
-    window.SetOffScreenRendering(1)
-    window.SetSize(560 * len(parts), 560)
-    camera = None
-    for n, (name, poly) in enumerate(parts):
-        mapper = vtk.vtkPolyDataMapper()
-        mapper.SetInputData(poly)
-        mapper.SetLookupTable(table)
-        mapper.UseLookupTableScalarRangeOn()
-        actor = vtk.vtkActor()
-        actor.SetMapper(mapper)
-        title = vtk.vtkTextActor()
-        title.SetInput(name)
-        title.GetTextProperty().SetColor(0, 0, 0)
-        title.GetTextProperty().SetFontSize(20)
-        title.SetPosition(12, 528)
-        r = vtk.vtkRenderer()
-        r.SetBackground(1, 1, 1)
-        r.SetViewport(n / len(parts), 0, (n + 1) / len(parts), 1)
-        r.AddActor(actor)
-        r.AddViewProp(title)
-        if camera is None:
-            r.ResetCamera()
-            camera = r.GetActiveCamera()
-            camera.Elevation(-70)
-            camera.OrthogonalizeViewUp()
-            r.ResetCamera()
-        else:
-            r.SetActiveCamera(camera)
-        if n + 1 == len(parts):
-            bar = vtk.vtkScalarBarActor()
-            bar.SetLookupTable(table)
-            bar.SetNumberOfLabels(5)
-            bar.GetLabelTextProperty().SetColor(0, 0, 0)
-            bar.SetWidth(0.1)
-            r.AddViewProp(bar)
-        window.AddRenderer(r)
-    window.Render()
-    grab = vtk.vtkWindowToImageFilter()
-    grab.SetInput(window)
-    grab.Update()
-    w = vtk.vtkPNGWriter()
-    w.SetFileName(str(path))
-    w.SetInputConnection(grab.GetOutputPort())
-    w.Write()
+def remeshed(path, out):
+    """The program's own surface with all defaults: remeshed at automatic size, ends cut; `None` where it refuses the mask."""
+    run = subprocess.run([str(PROGRAM), "mesh", str(path), "-o", str(out / "run"), "--stop-after", "surface", "--quiet"], capture_output=True, text=True)
+    if run.returncode not in (0, 6):
+        print(f"{path}: {run.stderr}", file=sys.stderr)
+        return None
+    r = vtk.vtkXMLPolyDataReader()
+    r.SetFileName(str(out / "run/surface/lumen.vtp"))
+    r.Update()
+    return r.GetOutput()
 
 
 def coloured(poly, truth, diagonal):
-    p, _ = mesh_of(poly)
+    p, _ = triangles(poly)
     poly.GetPointData().SetScalars(numpy_to_vtk(truth(p, diagonal)[0] / diagonal, deep=True))
     return poly
 
@@ -269,26 +211,46 @@ def cases(data):
     for truth in sorted((data / "truth").glob("*.stl.gz")):
         name = truth.name.split(".")[0]
         path = next(p for p in data.glob(name + ".*") if p.is_file())
-        yield "real", name, path, surface_truth(truth)
+        yield "real", name, path, surface_truth(truth), json.loads((truth.parent / f"{name}.json").read_text())["ends"]
 
 
 PICTURES = ("aneurysm", "ph3_aneurysm_Y_iso", "aneu_a_aniso", "carotid_aniso")
 
 
-def evaluate(kind, name, path, truth):
+def evaluate(kind, name, path, truth, lids=()):
     image = sitk.ReadImage(str(path))
-    surface, report, seconds = ours(path, WORK / name)
+    report, seconds = fit(path, WORK / name, 3)
+    surface = read_stl(WORK / name / "polygonized.stl")
     others, peer_seconds = peers(image)
     meshes = {"fit": surface, **others}
-    rows = {n: measure(m, truth, image)[0] for n, m in meshes.items()}
+    rows = {n: measure(m, truth, image, lids)[0] for n, m in meshes.items()}
+    final = remeshed(path, WORK / name)
+    if final:
+        rows["remeshed"] = measure(final, truth, image, lids)[0]
     spacing = np.array(image.GetSpacing())
-    if name in PICTURES:
-        picture([(n, coloured(m, truth, float(np.linalg.norm(spacing)))) for n, m in meshes.items()], RESULTS / f"{name}.png")
+    if name in PICTURES and len(sys.argv) < 3:
+        picture([(n, coloured(m, truth, float(np.linalg.norm(spacing)))) for n, m in meshes.items()], RESULTS / f"{name}.png", (-0.3, 0.3))
     t = report["topology"]
-    print(name, {k: round(v, 4) for k, v in rows["fit"].items()}, f"{seconds:.2f} s, peer {peer_seconds:.3f} s", flush=True)
+    print(name, {k: round(v, 4) for k, v in rows["fit"].items()}, f"processor {seconds[1]:.2f} s, peer {peer_seconds[1]:.3f} s", flush=True)
     return dict(kind=kind, name=name, rows=rows, seconds=seconds, peer=peer_seconds, anisotropic=spacing.max() > 1.5 * spacing.min(),
                 chi=(2 * t["mask"]["euler"], t["surface"]["euler"]), parts=(t["mask"]["components"], t["surface"]["components"]),
                 volume=report["volume"] / report["mask_volume"], boundary=report["boundary_voxels"], voxels=report["voxels"], memory=report["peak_memory_bytes"])
+
+
+def growth():
+    """Time and memory of the aneurysm phantom repeated until it has a million boundary voxels."""
+    image = sitk.ReadImage(str(WORK / "phantoms/aneurysm/mask.nrrd"))
+    array = sitk.GetArrayFromImage(image)
+    found = []
+    for times in ((1, 1, 2), (2, 2, 4), (4, 5, 8)):
+        many = sitk.GetImageFromArray(np.tile(array[5:], times))
+        many.SetSpacing(image.GetSpacing())
+        path = WORK / "many.nrrd"
+        sitk.WriteImage(many, str(path))
+        report, (_, cpu) = fit(path, WORK / "many", 1)
+        found.append((int(np.prod(times)), report, cpu))
+        print(found[-1][0], report["boundary_voxels"], f"{cpu:.2f} s", flush=True)
+    return found
 
 
 def table(found, title, note):
@@ -300,36 +262,48 @@ def table(found, title, note):
                 a, b = NORMALS[bool(c["anisotropic"])]
                 bad = [k for k, v in LIMITS.items() if abs(r[k]) > v] + [k for k, v in (("normals 50 %", a), ("normals 99 %", b)) if r[k.replace("normals ", "n").replace(" %", "")] > v]
                 missed = "missed: " + ", ".join(bad) if bad else "met"
-            elif n == "fit":
+            elif n == "remeshed" and c["kind"] != "real":
+                bad = [k for k, v in REMESHED.items() if abs(r[k]) > v]
+                missed = "missed: " + ", ".join(bad) if bad else "met"
+            elif n in ("fit", "remeshed"):
                 worse = [f"{k} ({o})" for o in ("marching cubes", "Taubin") for k in ("median", "rms", "p99", "max", "n50", "n99") if r[k] > c["rows"][o][k]]
+                if n == "remeshed" and r["faces"] > 1.5 * c["rows"]["Taubin"]["faces"]:
+                    worse.append("triangles")
                 missed = "worse: " + ", ".join(worse) if worse else "better throughout"
             lines.append(f"| {c['name'] if n == 'fit' else ''} | {n} | {r['faces']} | {r['median']:.3f} | {r['rms']:.3f} | {r['bias']:+.3f} | {r['p99']:.3f} | {r['max']:.3f} | {r['n50']:.1f}° | {r['n99']:.1f}° | {missed} |")
     return lines
 
 
-def write(found):
+def write(found, grown):
     lines = [
         "# Accuracy of the reconstructed wall",
         "",
         "Made by `validation/accuracy/run.sh`. Distances to the true wall in voxel diagonals (bias: positive outwards), angles between",
-        f"the triangles' normals and the true wall's; {SAMPLES} random points of each surface, {BORDER:.0f} voxels from the picture's border. `fit` is the",
-        "default reconstruction polygonized at half a voxel, before remeshing.",
+        f"the triangles' normals and the true wall's; {SAMPLES} random points of each wall, {BORDER:.0f} voxels from the picture's border. `fit` is the",
+        "default reconstruction polygonized at half a voxel, before remeshing; `remeshed` the surface of `lumenmesh mesh` with all defaults, its",
+        "ends cut, the wall alone.",
     ]
-    limits = "Limits for `fit`: median ≤ 0.03, rms ≤ 0.05, |bias| ≤ 0.01, 99 % ≤ 0.15, max ≤ 0.45; normals ≤ 3.5° and 15° (anisotropic voxels: 5° and 20°)."
+    limits = "Limits for `fit`: median ≤ 0.03, rms ≤ 0.05, |bias| ≤ 0.01, 99 % ≤ 0.15, max ≤ 0.45; normals ≤ 3.5° and 15° (anisotropic voxels: 5° and 20°). For `remeshed`: |bias| ≤ 0.015, normals ≤ 5°."
     lines += table([c for c in found if c["kind"] == "built-in"], "Built-in phantoms", limits)
     if any(c["kind"] == "phantom" for c in found):
         lines += table([c for c in found if c["kind"] == "phantom"], "Shared phantoms", limits)
     if any(c["kind"] == "real" for c in found):
-        lines += table([c for c in found if c["kind"] == "real"], "Real vessels, against the surfaces that the masks were made from", "`fit` should be better than both others in each figure.")
+        lines += table([c for c in found if c["kind"] == "real"], "Real vessels, against the surfaces that the masks were made from", "`fit` and `remeshed` should be better than marching cubes and Taubin smoothing in each figure, `remeshed` with at most 1.5 times their triangles. The lids that close the true surfaces at their ends are no wall and are left out.")
     notes = RESULTS / "notes.md"
     if notes.exists():
         lines += ["", notes.read_text().strip()]
+    random = RESULTS / "random.md"
+    if random.exists():
+        lines += ["", "## Pictures at random", "", "`cargo run --release --example random_phantoms`: the same phantoms with voxel size, offset and direction of the grid drawn at random, mean of three", "pictures a row; the limits are those above.", "", random.read_text().strip()]
     lines += ["", "## Topology, volume, time and memory", "",
-              "Seconds from cleaned mask to polygonized surface beside vtkFlyingEdges3D and vtkWindowedSincPolyDataFilter (best of three runs each, the same machine at the same time).", "",
-              "| case | 2 χ(mask), χ(surface) | parts | volume / mask | boundary voxels | seconds | VTK | ratio | µs a boundary voxel | peak MB | bytes a boundary voxel |", "|---|---|---|---|---|---|---|---|---|---|---|"]
+              "From cleaned mask to polygonized surface beside vtkFlyingEdges3D and vtkWindowedSincPolyDataFilter in the same run: seconds and processor", "seconds (of all threads), the best of three and of five runs.", "",
+              "| case | 2 χ(mask), χ(surface) | parts | volume / mask | boundary voxels | seconds | VTK | ratio | processor | VTK | ratio | µs a boundary voxel | peak MB | bytes a boundary voxel | bytes a voxel |", "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for c in found:
-        memory = c["memory"] or 0
-        lines.append(f"| {c['name']} | {c['chi'][0]}, {c['chi'][1]} | {c['parts'][0]}, {c['parts'][1]} | {c['volume']:.4f} | {c['boundary']} | {c['seconds']:.2f} | {c['peer']:.3f} | {c['seconds'] / c['peer']:.0f} | {1e6 * c['seconds'] / c['boundary']:.1f} | {memory / 1e6:.0f} | {memory / c['boundary']:.0f} |")
+        memory, (s, cpu), (peer, peer_cpu) = c["memory"] or 0, c["seconds"], c["peer"]
+        lines.append(f"| {c['name']} | {c['chi'][0]}, {c['chi'][1]} | {c['parts'][0]}, {c['parts'][1]} | {c['volume']:.4f} | {c['boundary']} | {s:.2f} | {peer:.3f} | {s / peer:.0f} | {cpu:.2f} | {peer_cpu:.3f} | {cpu / peer_cpu:.0f} | {1e6 * cpu / c['boundary']:.1f} | {memory / 1e6:.0f} | {memory / c['boundary']:.0f} | {memory / c['voxels']:.0f} |")
+    lines += ["", "Growth: the aneurysm phantom many times side by side.", "", "| pictures | boundary voxels | voxels | processor µs a boundary voxel | peak MB | bytes a boundary voxel | bytes a voxel |", "|---|---|---|---|---|---|---|"]
+    for n, r, cpu in grown:
+        lines.append(f"| {n} | {r['boundary_voxels']} | {r['voxels']} | {1e6 * cpu / r['boundary_voxels']:.1f} | {r['peak_memory_bytes'] / 1e6:.0f} | {r['peak_memory_bytes'] / r['boundary_voxels']:.0f} | {r['peak_memory_bytes'] / r['voxels']:.1f} |")
     for name in PICTURES:
         if (RESULTS / f"{name}.png").exists():
             lines += ["", f"![Signed distance of {name} to the true wall: the fit, marching cubes, Taubin smoothing]({name}.png)"]
@@ -341,7 +315,15 @@ def main():
     RESULTS.mkdir(parents=True, exist_ok=True)
     WORK.mkdir(parents=True, exist_ok=True)
     data = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT.parent / "shared/data"
-    write([evaluate(*c) for c in cases(data)])
+    names = sys.argv[2:]
+    found = [evaluate(*c) for c in cases(data) if not names or c[1] in names]
+    if names:
+        print("\n".join(table([c for c in found if c["kind"] == "real"], "Real", "") + table([c for c in found if c["kind"] != "real"], "Phantoms", "")))
+        return
+    grown = growth()
+    random = subprocess.run([str(RANDOM)], capture_output=True, text=True, check=True).stdout
+    (RESULTS / "random.md").write_text(random)
+    write(found, grown)
     print(RESULTS / "README.md")
 
 

@@ -5,45 +5,22 @@
 
 Writes validation/results/paper/README.md and pictures: deviation from the vertices of marching cubes (Figure 16),
 Table 2 as ratios, Table 3, run times beside marching cubes and surface nets, Gaussian curvature (Figures 14, 15).
-Needs vtk and numpy from PyPI; builds examples/mask_to_surface (release).
+Needs vtk, numpy and SimpleITK from PyPI; builds examples/mask_to_surface (release).
 """
 import json, subprocess, sys, time
 from pathlib import Path
 
 import numpy as np
+import SimpleITK as sitk
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "validation"))
+from surfaces import RISING, Closest, labels, picture, read_stl, to_world, triangles
+
 RESULTS = ROOT / "validation/results/paper"
 WORK = ROOT / "target/validation/paper"
-
-
-def read_mask(path):
-    """Labels as a vtkImageData whose axes are the image's; the affine that places them in LPS millimetres."""
-    import SimpleITK as sitk
-    image = sitk.ReadImage(str(path))
-    array = (sitk.GetArrayFromImage(image) > 0).astype(np.uint8)
-    direction = np.array(image.GetDirection()).reshape(3, 3)
-    return np.pad(array, 1), np.array(image.GetSpacing()), np.array(image.GetOrigin()), direction
-
-
-def vtk_image(array, spacing):
-    image = vtk.vtkImageData()
-    image.SetDimensions(*array.shape[::-1])
-    image.SetSpacing(*spacing)
-    image.GetPointData().SetScalars(numpy_to_vtk(array.ravel(), deep=True))
-    return image
-
-
-def to_world(poly, spacing, origin, direction):
-    # The array was padded by one voxel.
-    p = vtk_to_numpy(poly.GetPoints().GetData()).astype(float) - spacing
-    points = vtk.vtkPoints()
-    points.SetDataTypeToDouble()
-    points.SetData(numpy_to_vtk(np.ascontiguousarray(p @ direction.T + origin), deep=True))
-    poly.SetPoints(points)
-    return poly
 
 
 def timed(make):
@@ -72,19 +49,6 @@ def surface_nets(image):
     return f.GetOutput()
 
 
-def read_stl(path):
-    r = vtk.vtkSTLReader()
-    r.SetFileName(str(path))
-    r.Update()
-    return r.GetOutput()
-
-
-def triangles(poly):
-    p = vtk_to_numpy(poly.GetPoints().GetData()).astype(float)
-    f = vtk_to_numpy(poly.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    return p, f
-
-
 def skewness(poly):
     p, f = triangles(poly)
     angle = []
@@ -97,17 +61,7 @@ def skewness(poly):
 
 def deviation(reference, surface):
     """Distance of every vertex of `reference` to `surface`, mm: the paper's measure."""
-    locator = vtk.vtkStaticCellLocator()
-    locator.SetDataSet(surface)
-    locator.BuildLocator()
-    p, _ = triangles(reference)
-    cell, sub, d2, c = vtk.vtkGenericCell(), vtk.mutable(0), vtk.mutable(0.0), [0.0] * 3
-    ids = vtk.mutable(0)
-    out = np.empty(len(p))
-    for n, q in enumerate(p):
-        locator.FindClosestPoint(q, c, cell, ids, sub, d2)
-        out[n] = float(d2) ** 0.5
-    return out
+    return Closest(surface)(triangles(reference)[0])[0] ** 0.5
 
 
 def gaussian_curvature(poly, voxel):
@@ -122,62 +76,13 @@ def gaussian_curvature(poly, voxel):
     return out, k
 
 
-def picture(parts, path, span, diverging):
-    """The meshes side by side, coloured by their point scalars."""
-    table = vtk.vtkColorTransferFunction()
-    if diverging:
-        table.SetColorSpaceToDiverging()
-        for x, c in ((span[0], (0.23, 0.30, 0.75)), (0.0, (0.87, 0.87, 0.87)), (span[1], (0.71, 0.02, 0.15))):
-            table.AddRGBPoint(x, *c)
-    else:
-        for t, c in ((0, (0.27, 0.0, 0.33)), (0.33, (0.19, 0.41, 0.56)), (0.66, (0.21, 0.72, 0.47)), (1, (0.99, 0.91, 0.14))):
-            table.AddRGBPoint(span[0] + t * (span[1] - span[0]), *c)
-    window = vtk.vtkRenderWindow()
-    window.SetOffScreenRendering(1)
-    window.SetSize(620 * len(parts), 640)
-    for n, (name, poly) in enumerate(parts):
-        mapper = vtk.vtkPolyDataMapper()
-        mapper.SetInputData(poly)
-        mapper.SetLookupTable(table)
-        mapper.UseLookupTableScalarRangeOn()
-        actor = vtk.vtkActor()
-        actor.SetMapper(mapper)
-        title = vtk.vtkTextActor()
-        title.SetInput(name)
-        title.GetTextProperty().SetColor(0, 0, 0)
-        title.GetTextProperty().SetFontSize(20)
-        title.SetPosition(12, 608)
-        r = vtk.vtkRenderer()
-        r.SetBackground(1, 1, 1)
-        r.SetViewport(n / len(parts), 0, (n + 1) / len(parts), 1)
-        r.AddActor(actor)
-        r.AddViewProp(title)
-        bar = vtk.vtkScalarBarActor()
-        bar.SetLookupTable(table)
-        bar.SetNumberOfLabels(5)
-        bar.GetLabelTextProperty().SetColor(0, 0, 0)
-        bar.SetWidth(0.1)
-        if n + 1 == len(parts):
-            r.AddViewProp(bar)
-        r.ResetCamera()
-        r.GetActiveCamera().Azimuth(25)
-        r.GetActiveCamera().Elevation(20)
-        r.ResetCamera()
-        r.ResetCameraClippingRange()
-        window.AddRenderer(r)
-    window.Render()
-    grab = vtk.vtkWindowToImageFilter()
-    grab.SetInput(window)
-    grab.Update()
-    w = vtk.vtkPNGWriter()
-    w.SetFileName(str(path))
-    w.SetInputConnection(grab.GetOutputPort())
-    w.Write()
+def oblique(camera):
+    camera.Azimuth(25)
+    camera.Elevation(20)
 
 
 def phantom(folder):
     """The aneurysm phantom: `lumenmesh phantom`, or the same idea drawn here where the command does not exist yet."""
-    import SimpleITK as sitk
     path = folder / "aneurysm.nrrd"
     z, y, x = np.meshgrid(*[np.arange(n) * 1.0 for n in (61, 65, 90)], indexing="ij")
     p = np.stack([x, y, z], -1)
@@ -206,11 +111,12 @@ def evaluate(path):
     if run.returncode:
         raise SystemExit(f"{path}: {run.stderr}")
     report = json.loads(run.stdout)
-    array, spacing, origin, direction = read_mask(path)
-    image, diagonal = vtk_image(array, spacing), float(np.linalg.norm(spacing))
-    mc, t_mc = timed(lambda: marching_cubes(image))
-    nets, t_nets = timed(lambda: surface_nets(image))
-    mc, nets = (to_world(m, spacing, origin, direction) for m in (mc, nets))
+    image = sitk.ReadImage(str(path))
+    grid, spacing = labels(image), np.array(image.GetSpacing())
+    diagonal = float(np.linalg.norm(spacing))
+    mc, t_mc = timed(lambda: marching_cubes(grid))
+    nets, t_nets = timed(lambda: surface_nets(grid))
+    mc, nets = to_world(mc, image), to_world(nets, image)
     rows = {n: read_stl(out / f"{n}.stl") for n in ("polygonized", "improved", "front")}
     d, d_nets = deviation(mc, rows["polygonized"]) / diagonal, deviation(mc, nets) / diagonal
     table3 = {}
@@ -219,9 +125,9 @@ def evaluate(path):
         table3[n] = (len(s), float(s.max()), float(s.min()), float(s.mean()))
     voxel = float(np.prod(spacing)) ** (1 / 3)
     curved = [(t, *gaussian_curvature(m, voxel)) for t, m in (("Marching cubes", mc), ("Surface nets", nets), ("MPU implicits", rows["front"]))]
-    picture([(t, m) for t, m, _ in curved], RESULTS / f"{name}_curvature.png", (-0.2, 0.2), True)
+    picture([(t, m) for t, m, _ in curved], RESULTS / f"{name}_curvature.png", (-0.2, 0.2), turn=oblique)
     mc.GetPointData().SetScalars(numpy_to_vtk(d, deep=True))
-    picture([("Deviation of the polygonized surface, voxel diagonals", mc)], RESULTS / f"{name}_deviation.png", (0, 0.6), False)
+    picture([("Deviation of the polygonized surface, voxel diagonals", mc)], RESULTS / f"{name}_deviation.png", (0, 0.6), RISING, oblique)
     names = ("points", "fit", "guard", "polygonize")
     t = report["topology"]
     return dict(

@@ -3,17 +3,23 @@
 use rayon::prelude::*;
 
 use super::band::{Band, CHUNK, Run, TERMS};
+use super::energy::{self, ZERO, difference, differences, slot, unacross, undifference};
 use super::labels::{Labels, gather};
 
 /// Layers of a slab: slabs of one parity are worked on at the same time. Products reach from a node to three layers
 /// above, so that slabs of one parity touch no common layer.
 const SLAB: usize = 4;
 
+/// The smoothness never weighs less than this share, however sharp the wall.
+const LEAST_SHARE: f32 = 0.05;
+
 /// Weights of the parts of the objective. Lengths are in units of the smallest voxel spacing.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weights {
     /// Of |D³u|².
     pub smoothness: f32,
+    /// |D³u|² at which that weight is halved.
+    pub crease: f32,
     /// Width of the probit likelihood of a voxel's label.
     pub sigma: f32,
     /// Of (n·∇u − 1)².
@@ -45,11 +51,9 @@ struct Quadratic<'a> {
     problem: &'a Problem<'a>,
     terms: [f32; 10],
     data: Vec<Datum>,
+    /// Share of the regulariser's weight, per coefficient where its differences start.
+    share: &'a [f32],
 }
-
-/// A row of a neighbourhood: [`CHUNK`] nodes and four more.
-type Line = [f32; CHUNK + 4];
-const ZERO: Line = [0.0; CHUNK + 4];
 
 /// Calls `f` on every range of layers of the band with the part of `out` from there to three layers above.
 fn slabs(band: &Band, out: &mut [f32], f: impl Fn(std::ops::Range<usize>, &mut [f32], usize) + Sync) {
@@ -78,79 +82,6 @@ fn axpy(a: f32, x: &[f32], y: &mut [f32]) {
     y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
 }
 
-/// y −= x over whole lines: fixed lengths, so that the compiler unrolls it.
-#[inline(always)]
-fn subtract(x: &Line, y: &mut Line) {
-    for i in 0..CHUNK + 4 {
-        y[i] -= x[i];
-    }
-}
-
-/// The first differences along the line, in place; what is not a whole difference is never used.
-#[inline(always)]
-fn difference(x: &mut Line) {
-    for i in 0..CHUNK + 3 {
-        x[i] = x[i + 1] - x[i];
-    }
-}
-
-/// The transpose of [`difference`] on lines whose last place is 0.
-#[inline(always)]
-fn undifference(x: &mut Line) {
-    let old = *x;
-    x[0] = -old[0];
-    for i in 1..CHUNK + 4 {
-        x[i] = old[i - 1] - old[i];
-    }
-}
-
-/// Place of row (j, k) of a neighbourhood, j + k ≤ 3: the order of [`TERMS`].
-const fn slot(j: usize, k: usize) -> usize {
-    [0, 4, 7, 9][k] + j
-}
-
-/// Δyʲ Δzᵏ of the rows, in place: every row (j, k) becomes the difference of that order at the first row.
-#[inline(always)]
-fn across(rows: &mut [Line; 10]) {
-    for k in 0..3 {
-        for s in 1..4 - k {
-            for j in (s..4 - k).rev() {
-                let before = rows[slot(j - 1, k)];
-                subtract(&before, &mut rows[slot(j, k)]);
-            }
-        }
-    }
-    for s in 1..4 {
-        for k in (s..4).rev() {
-            for j in 0..4 - k {
-                let before = rows[slot(j, k - 1)];
-                subtract(&before, &mut rows[slot(j, k)]);
-            }
-        }
-    }
-}
-
-/// The transpose of [`across`].
-#[inline(always)]
-fn unacross(rows: &mut [Line; 10]) {
-    for s in (1..4).rev() {
-        for k in s..4 {
-            for j in 0..4 - k {
-                let above = rows[slot(j, k)];
-                subtract(&above, &mut rows[slot(j, k - 1)]);
-            }
-        }
-    }
-    for k in 0..3 {
-        for s in (1..4 - k).rev() {
-            for j in s..4 - k {
-                let above = rows[slot(j, k)];
-                subtract(&above, &mut rows[slot(j - 1, k)]);
-            }
-        }
-    }
-}
-
 impl Quadratic<'_> {
     /// out = H x
     fn apply(&self, x: &[f32], out: &mut [f32]) {
@@ -170,21 +101,17 @@ impl Quadratic<'_> {
     fn smoothness(&self, x: &[f32], r: &Run, part: &mut [f32], first: usize) {
         let band = self.problem.band;
         let (n, at) = (r.len as usize, r.start as usize);
-        let mut rows = [ZERO; 10];
-        for k in 0..4usize {
-            for j in 0..4 - k {
-                band.fetch(x, r.y + j as i32, r.z + k as i32, r.x, &mut rows[slot(j, k)][..n + 3]);
-            }
-        }
+        let mut rows = differences(band, x, r);
         let mut valid = [0u32; CHUNK];
         valid.iter_mut().zip(&band.valid[at..at + n]).for_each(|(v, b)| *v = u32::from(*b));
-        across(&mut rows);
+        let mut share = [0.0f32; CHUNK];
+        share[..n].copy_from_slice(&self.share[at..at + n]);
         for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
             for _ in 0..orders[0] {
                 difference(line);
             }
             for i in 0..CHUNK {
-                line[i] *= (valid[i] >> t & 1) as f32 * self.terms[t];
+                line[i] *= (valid[i] >> t & 1) as f32 * self.terms[t] * share[i];
             }
             line[CHUNK..].fill(0.0);
             for _ in 0..orders[0] {
@@ -249,7 +176,7 @@ impl Quadratic<'_> {
                     let mut line = ZERO;
                     for (i, valid) in band.valid[at..at + n].iter().enumerate() {
                         for (k, w) in binomial[o[0]].iter().enumerate() {
-                            line[i + k] += (valid >> t & 1) as f32 * self.terms[t] * w;
+                            line[i + k] += (valid >> t & 1) as f32 * self.terms[t] * w * self.share[at + i];
                         }
                     }
                     for (k, wk) in binomial[o[2]].iter().enumerate() {
@@ -349,12 +276,18 @@ pub(super) struct Effort {
 }
 
 impl<'a> Problem<'a> {
-    fn terms(&self) -> [f32; 10] {
+    /// Weights of the squared differences in the objective: those of the integral.
+    fn energy(&self) -> [f32; 10] {
+        self.terms(self.weights.smoothness * (self.band.nodes.step as f32).powi(3))
+    }
+
+    /// Weights of the squared differences; `weight`: of |D³u|² over a cube of a smallest spacing.
+    fn terms(&self, weight: f32) -> [f32; 10] {
         let w = &self.weights;
         let step = self.band.nodes.step as f32;
         std::array::from_fn(|t| {
             let (o, m) = TERMS[t];
-            w.smoothness * m * step.powi(3) * (0..3).map(|a| (w.scale[a] / step).powi(2 * o[a] as i32)).product::<f32>()
+            weight * m * (0..3).map(|a| (w.scale[a] / step).powi(2 * o[a] as i32)).product::<f32>()
         })
     }
 
@@ -371,7 +304,8 @@ impl<'a> Problem<'a> {
             })
             .collect();
         let data = aim.iter().map(|a| Datum { curvature: a.1, normal: [0.0; 3] }).collect();
-        let h = Quadratic { problem: self, terms: self.terms(), data };
+        let share = vec![1.0; n];
+        let h = Quadratic { problem: self, terms: self.energy(), data, share: &share };
         let mut right = vec![0.0f32; n];
         self.spread(&mut right, |l| (aim[l].0 * aim[l].1, 0.0, [0.0; 3]));
         conjugate_gradients(&h, &right, effort)
@@ -421,8 +355,9 @@ impl<'a> Problem<'a> {
                 })
                 .unzip();
             // Gradient of the objective: the regulariser's, the likelihood's slope, and the gauge's aim.
-            let h = Quadratic { problem: self, terms: self.terms(), data };
-            let smooth = Quadratic { problem: self, terms: h.terms, data: vec![Datum::default(); h.data.len()] };
+            let share: Vec<f32> = energy::density(self.band, &self.terms(1.0), c).iter().map(|e| (1.0 / (1.0 + e / w.crease)).max(LEAST_SHARE)).collect();
+            let h = Quadratic { problem: self, terms: self.energy(), data, share: &share };
+            let smooth = Quadratic { problem: self, terms: h.terms, data: vec![Datum::default(); h.data.len()], share: &share };
             smooth.apply(c, &mut gradient);
             self.spread(&mut gradient, |l| {
                 let (m, v) = (h.data[l].normal, now[l]);

@@ -69,7 +69,7 @@ fn gradient_and_hessian_are_those_of_the_value() {
     let (f, _) = fit(&m, &SmoothOptions::default()).unwrap();
     let p = c + Vector::new(2.0, -1.9, 2.2);
     let (v, gradient) = f.value_gradient(&p);
-    assert!((v - f.value(&p)).abs() < 1e-12 && (gradient.norm() - 1.0).abs() < 0.1, "{v} {gradient}");
+    assert!((v - f.value(&p)).abs() < 1e-12 && (gradient.norm() - 1.0).abs() < 0.2, "{v} {gradient}");
     let h = f.hessian(&p);
     for a in 0..3 {
         let mut e = Vector::zeros();

@@ -1,0 +1,122 @@
+//! Third differences of the spline's coefficients, whole rows at a time, and the density of the energy made of them.
+
+use rayon::prelude::*;
+
+use super::band::{Band, CHUNK, Run, TERMS};
+
+/// A row of a neighbourhood: [`CHUNK`] nodes and four more.
+pub(super) type Line = [f32; CHUNK + 4];
+pub(super) const ZERO: Line = [0.0; CHUNK + 4];
+
+/// y −= x over whole lines: fixed lengths, so that the compiler unrolls it.
+#[inline(always)]
+fn subtract(x: &Line, y: &mut Line) {
+    for i in 0..CHUNK + 4 {
+        y[i] -= x[i];
+    }
+}
+
+/// The first differences along the line, in place; what is not a whole difference is never used.
+#[inline(always)]
+pub(super) fn difference(x: &mut Line) {
+    for i in 0..CHUNK + 3 {
+        x[i] = x[i + 1] - x[i];
+    }
+}
+
+/// The transpose of [`difference`] on lines whose last place is 0.
+#[inline(always)]
+pub(super) fn undifference(x: &mut Line) {
+    let old = *x;
+    x[0] = -old[0];
+    for i in 1..CHUNK + 4 {
+        x[i] = old[i - 1] - old[i];
+    }
+}
+
+/// Place of row (j, k) of a neighbourhood, j + k ≤ 3: the order of [`TERMS`].
+pub(super) const fn slot(j: usize, k: usize) -> usize {
+    [0, 4, 7, 9][k] + j
+}
+
+/// Δyʲ Δzᵏ of the rows, in place: every row (j, k) becomes the difference of that order at the first row.
+#[inline(always)]
+fn across(rows: &mut [Line; 10]) {
+    for k in 0..3 {
+        for s in 1..4 - k {
+            for j in (s..4 - k).rev() {
+                let before = rows[slot(j - 1, k)];
+                subtract(&before, &mut rows[slot(j, k)]);
+            }
+        }
+    }
+    for s in 1..4 {
+        for k in (s..4).rev() {
+            for j in 0..4 - k {
+                let before = rows[slot(j, k - 1)];
+                subtract(&before, &mut rows[slot(j, k)]);
+            }
+        }
+    }
+}
+
+/// The transpose of [`across`].
+#[inline(always)]
+pub(super) fn unacross(rows: &mut [Line; 10]) {
+    for s in (1..4).rev() {
+        for k in s..4 {
+            for j in 0..4 - k {
+                let above = rows[slot(j, k)];
+                subtract(&above, &mut rows[slot(j, k - 1)]);
+            }
+        }
+    }
+    for k in 0..3 {
+        for s in (1..4 - k).rev() {
+            for j in s..4 - k {
+                let above = rows[slot(j, k)];
+                subtract(&above, &mut rows[slot(j - 1, k)]);
+            }
+        }
+    }
+}
+
+/// Of the coefficients from a chunk on, the differences across the rows.
+#[inline(always)]
+pub(super) fn differences(band: &Band, x: &[f32], r: &Run) -> [Line; 10] {
+    let mut rows = [ZERO; 10];
+    for k in 0..4usize {
+        for j in 0..4 - k {
+            band.fetch(x, r.y + j as i32, r.z + k as i32, r.x, &mut rows[slot(j, k)][..r.len as usize + 3]);
+        }
+    }
+    across(&mut rows);
+    rows
+}
+
+/// The squared differences with their weights, summed at the coefficient where they start.
+pub(super) fn density(band: &Band, terms: &[f32; 10], x: &[f32]) -> Vec<f32> {
+    let parts: Vec<[f32; CHUNK]> = band
+        .chunks
+        .par_iter()
+        .map(|r| {
+            let mut rows = differences(band, x, r);
+            let mut out = [0.0f32; CHUNK];
+            let valid = &band.valid[r.start as usize..(r.start + r.len) as usize];
+            for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
+                for _ in 0..orders[0] {
+                    difference(line);
+                }
+                for ((out, bits), d) in out.iter_mut().zip(valid).zip(line) {
+                    *out += f32::from(bits >> t & 1) * terms[t] * *d * *d;
+                }
+            }
+            out
+        })
+        .collect();
+    let mut out = vec![0.0; band.len()];
+    for (r, part) in band.chunks.iter().zip(parts) {
+        out[r.start as usize..(r.start + r.len) as usize].copy_from_slice(&part[..r.len as usize]);
+    }
+    out
+}
