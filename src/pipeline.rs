@@ -1,5 +1,6 @@
 //! The stages in order, as in the paper's Figure 2; progress, timing, cancellation.
 
+mod creases;
 mod cutting;
 mod error;
 mod explain;
@@ -274,6 +275,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     }
     if context.stop_after >= Stage::Surface {
         clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
+        creases::soften(case, &outcome.mask, &mut parts, &mut outcome.report, context);
     }
     outcome.openings = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
     outcome.openings.iter().for_each(|o| context.progress.explain(&explain::opening(o)));

@@ -93,7 +93,8 @@ pub fn build_watched(
         }
     }
     check_surface(surface)?;
-    let (grown, summary) = layers::grow(surface, wanted).ok_or(Error::Layers)?;
+    let (grown, summary) = layers::grow(surface, wanted)
+        .map_err(|at| Error::Layers { places: at.iter().map(|&v| surface.points[v as usize]).collect() })?;
     let (mesh, fill, optimise) = tetrahedra(&grown.inner, &Edges, options, cancel, expect)?;
     let (thickness, wished_thickness) = (grown.thickness.clone(), grown.wished.clone());
     let mesh = grown.join(mesh);

@@ -4,14 +4,34 @@
 //! with a bounded gradient along the wall, and once more wherever a prism or the inner surface would be bad. The
 //! number of layers is the same everywhere.
 
+mod turn;
+
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::creases::{hinge, wings};
+use super::directions::{Corner, directions};
 use super::sizing::{inscribed_radius, smooth_lower};
 use crate::geometry::{Point, Vector};
 use crate::mesh::bvh::TriangleBvh;
+use crate::mesh::halfedge::HalfEdgeMesh;
 use crate::mesh::intersect::self_intersections;
 use crate::mesh::{BoundaryFace, TriMesh, VolumeMesh, WALL};
+
+/// Most rounds of taking back thickness: a hundred-thousandth of it is left then.
+const MOST_ROUNDS: u32 = 40;
+
+/// After so many rounds, thickness is taken back on one more ring of vertices.
+const WIDEN: u32 = 6;
+
+/// Rounds in which directions are turned before any thickness is taken back.
+const TURNS: u32 = 3;
+
+/// Least angle of the inner surface between two of its triangles, measured inside, degrees.
+const LEAST_ANGLE: f64 = 60.0;
+
+/// Least scaled Jacobian at a corner of a prism.
+const LEAST_JACOBIAN: f64 = 0.2;
 
 /// Prisms along the wall.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -77,10 +97,12 @@ pub struct Layers {
 
 /// Grows layers from the wall of `surface`, which is closed, oriented and free of self-intersection.
 ///
-/// No prism is inverted: at all six corners the three edges are right-handed. `None` where even thin layers are not
-/// possible, or there is no wall.
-pub fn grow(surface: &TriMesh, options: &LayerOptions) -> Option<(Layers, LayerSummary)> {
-    let wall = Wall::new(surface)?;
+/// No prism is inverted: at all six corners the three edges are right-handed.
+///
+/// # Errors
+/// The vertices at which even thin layers are not possible; none where there is no wall.
+pub fn grow(surface: &TriMesh, options: &LayerOptions) -> Result<(Layers, LayerSummary), Vec<u32>> {
+    let mut wall = Wall::new(surface).ok_or_else(Vec::new)?;
     let wished = wall.wished(surface, options);
     let steps = steps(options);
     let mut t = smooth_lower(surface, wall.limited(surface, &wished), 0.25);
@@ -88,13 +110,17 @@ pub fn grow(surface: &TriMesh, options: &LayerOptions) -> Option<(Layers, LayerS
     let inner = loop {
         let ends = wall.ends(surface, &t);
         let inner = wall.inner(surface, &ends);
-        let bad = wall.bad_vertices(surface, &t, &steps, &inner, options);
+        // What does not become good by itself suffers from how far its neighbours have moved.
+        let bad = wall.bad_vertices(surface, &t, &steps, &inner, options, rounds / WIDEN);
         if bad.is_empty() {
             break inner;
         }
         rounds += 1;
-        if rounds > 40 {
-            return None;
+        if rounds > MOST_ROUNDS {
+            return Err(bad);
+        }
+        if rounds <= TURNS && turn::turn(&mut wall, surface, &t, &steps, options, &bad) > 0 {
+            continue;
         }
         for v in bad {
             t[v as usize] *= 0.75;
@@ -107,7 +133,7 @@ pub fn grow(surface: &TriMesh, options: &LayerOptions) -> Option<(Layers, LayerS
         }
         t = smooth_lower(surface, t, 0.25);
     };
-    Some(wall.assemble(surface, t, wished, &steps, inner, options, rounds))
+    Ok(wall.assemble(surface, t, wished, &steps, inner, options, rounds))
 }
 
 /// Depth of each level as a part of the thickness: 0 at the wall, 1 at the end.
@@ -126,8 +152,12 @@ struct Wall {
     direction: Vec<Vector>,
     stretch: Vec<f64>,
     normal: Vec<Vector>,
+    /// Unit normal of the cap in whose plane a vertex of a rim moves.
+    rim: Vec<Option<Vector>>,
     size: Vec<f64>,
     triangles: Vec<usize>,
+    /// Edges of the wall: the ends and the vertices across, their triangles, the angle inside.
+    edges: Vec<([u32; 4], [usize; 2], f64)>,
 }
 
 impl Wall {
@@ -137,10 +167,8 @@ impl Wall {
         if triangles.is_empty() {
             return None;
         }
-        let mut on_wall = vec![false; n];
-        let mut normal = vec![Vector::zeros(); n];
+        let mut corners = vec![Corner::default(); n];
         let mut size = vec![(0.0, 0.0); n];
-        let mut neighbours: Vec<Vec<u32>> = vec![vec![]; n];
         for &t in &triangles {
             let c = s.triangles[t];
             let p = s.corners(t);
@@ -148,12 +176,11 @@ impl Wall {
             for i in 0..3 {
                 let v = c[i] as usize;
                 let (e, f) = (p[(i + 1) % 3] - p[i], p[(i + 2) % 3] - p[i]);
-                on_wall[v] = true;
-                normal[v] += unit * e.angle(&f);
+                corners[v].faces.push(unit);
+                corners[v].normal += unit * e.angle(&f);
+                corners[v].neighbours.extend([c[(i + 1) % 3], c[(i + 2) % 3]]);
                 size[v].0 += e.norm();
                 size[v].1 += 1.0;
-                neighbours[v].push(c[(i + 1) % 3]);
-                neighbours[v].push(c[(i + 2) % 3]);
             }
         }
         // A cap is planar: one normal a patch, the sum of its triangles'.
@@ -164,37 +191,31 @@ impl Wall {
             }
             m
         };
-        let mut rim = vec![None; n];
         for t in (0..s.triangles.len()).filter(|&t| s.patch[t] != WALL) {
             for v in s.triangles[t] {
-                if on_wall[v as usize] {
-                    rim[v as usize] = caps[&s.patch[t]].try_normalize(0.0);
+                if !corners[v as usize].faces.is_empty() {
+                    corners[v as usize].rim = caps[&s.patch[t]].try_normalize(0.0);
                 }
             }
         }
-        for v in &mut normal {
-            *v = v.try_normalize(0.0).unwrap_or_else(Vector::zeros);
+        for c in &mut corners {
+            c.normal = c.normal.try_normalize(0.0).unwrap_or_else(Vector::zeros);
         }
-        let into_plane = |d: Vector, v: usize, rim: &[Option<Vector>]| match rim[v] {
-            Some(n) => (d - n * n.dot(&d)).try_normalize(1e-9).unwrap_or(d),
-            None => d.try_normalize(0.0).unwrap_or(d),
-        };
-        let mut direction: Vec<Vector> = (0..n).map(|v| into_plane(-normal[v], v, &rim)).collect();
-        for _ in 0..5 {
-            direction = (0..n)
-                .into_par_iter()
-                .map(|v| {
-                    let sum: Vector = neighbours[v].iter().map(|&w| direction[w as usize]).sum();
-                    let d = direction[v] + sum / neighbours[v].len().max(1) as f64;
-                    let d = into_plane(d, v, &rim);
-                    // Never so far that a face at the vertex turns its back.
-                    if d.dot(&normal[v]) < -0.5 { d } else { direction[v] }
-                })
-                .collect();
-        }
+        let direction = directions(&corners);
+        let on_wall = corners.iter().map(|c| !c.faces.is_empty()).collect();
+        let normal: Vec<Vector> = corners.iter().map(|c| c.normal).collect();
         let stretch = (0..n).map(|v| 1.0 / (-direction[v].dot(&normal[v])).max(0.5)).collect();
         let size = size.iter().map(|s| s.0 / f64::max(s.1, 1.0)).collect();
-        Some(Wall { on_wall, direction, stretch, normal, size, triangles })
+        let rim = corners.iter().map(|c| c.rim).collect();
+        let edges = HalfEdgeMesh::new(s).map_or(vec![], |m| {
+            let wall = m.edges().filter(|&h| m.patch(h / 3) == WALL && m.patch(m.twin(h) / 3) == WALL);
+            wall.map(|h| {
+                let four = wings(&m, h);
+                (four, [h as usize / 3, m.twin(h) as usize / 3], hinge(four.map(|v| s.points[v as usize])))
+            })
+            .collect()
+        });
+        Some(Wall { on_wall, direction, stretch, normal, rim, size, triangles, edges })
     }
 
     fn wished(&self, s: &TriMesh, o: &LayerOptions) -> Vec<f64> {
@@ -265,45 +286,63 @@ impl Wall {
                 break;
             }
         }
-        (0..n).map(|v| s.points[v] + move_by[v]).collect()
+        let mut ends: Vec<Point> = (0..n).map(|v| s.points[v] + move_by[v]).collect();
+        turn::even_caps(s, &self.on_wall, &mut ends);
+        ends
     }
 
     fn inner(&self, s: &TriMesh, ends: &[Point]) -> TriMesh {
         TriMesh { points: ends.to_vec(), ..s.clone() }
     }
 
-    /// Wall vertices whose thickness must fall.
-    fn bad_vertices(&self, s: &TriMesh, t: &[f64], steps: &[f64], inner: &TriMesh, o: &LayerOptions) -> Vec<u32> {
-        let mut bad: Vec<u32> = self
+    /// Wall vertices whose thickness must fall: those of bad triangles, and so many rings of vertices round them.
+    fn bad_vertices(&self, s: &TriMesh, t: &[f64], steps: &[f64], inner: &TriMesh, o: &LayerOptions, rings: u32) -> Vec<u32> {
+        let mut bad: Vec<usize> = self
             .triangles
             .par_iter()
-            .flat_map_iter(|&tri| {
+            .copied()
+            .filter(|&tri| {
                 let c = s.triangles[tri];
                 let at = |v: u32, f: f64| self.level(s, t, v, f);
-                let wrong = steps.windows(2).any(|w| {
+                steps.windows(2).any(|w| {
                     let p = [
                         at(c[0], w[0]), at(c[1], w[0]), at(c[2], w[0]),
                         at(c[0], w[1]), at(c[1], w[1]), at(c[2], w[1]),
                     ];
-                    scaled_jacobian(&p) < 0.2
-                });
-                if wrong { c.to_vec() } else { vec![] }
+                    scaled_jacobian(&p) < LEAST_JACOBIAN
+                })
             })
             .collect();
-        for i in 0..inner.triangles.len() {
+        bad.extend((0..inner.triangles.len()).filter(|&i| {
             let outer = skewness(&s.corners(i));
-            if skewness(&inner.corners(i)) > o.max_inner_skewness.max(outer + 0.05) {
-                bad.extend(inner.triangles[i].iter().filter(|&&v| self.on_wall[v as usize]));
+            skewness(&inner.corners(i)) > o.max_inner_skewness.max(outer + 0.05)
+        }));
+        // A sharper ridge than the wall's own binds the tetrahedra inside.
+        for (four, triangles, outer) in &self.edges {
+            if hinge(four.map(|v| inner.points[v as usize])) < LEAST_ANGLE.min(outer - 5.0) {
+                bad.extend(triangles);
             }
         }
-        for (i, j) in self_intersections(inner) {
-            for t in [i, j] {
-                bad.extend(inner.triangles[t as usize].iter().filter(|&&v| self.on_wall[v as usize]));
+        bad.extend(self_intersections(inner).into_iter().flat_map(|(i, j)| [i as usize, j as usize]));
+        if bad.is_empty() {
+            return vec![];
+        }
+        let mut marked = vec![false; s.points.len()];
+        for &i in &bad {
+            s.triangles[i].iter().for_each(|&v| marked[v as usize] = true);
+            // A triangle within a cap moves with the rim of that cap.
+            if !s.triangles[i].iter().any(|&v| self.on_wall[v as usize]) {
+                let cap = (0..s.triangles.len()).filter(|&k| s.patch[k] == s.patch[i]).flat_map(|k| s.triangles[k]);
+                cap.filter(|&v| self.on_wall[v as usize]).for_each(|v| marked[v as usize] = true);
             }
         }
-        bad.sort_unstable();
-        bad.dedup();
-        bad
+        for _ in 0..rings {
+            let before = marked.clone();
+            for c in s.triangles.iter().filter(|c| c.iter().any(|&v| before[v as usize])) {
+                c.iter().for_each(|&v| marked[v as usize] = true);
+            }
+        }
+        (0..s.points.len() as u32).filter(|&v| marked[v as usize] && self.on_wall[v as usize]).collect()
     }
 
     fn level(&self, s: &TriMesh, t: &[f64], v: u32, f: f64) -> Point {

@@ -6,6 +6,8 @@
 
 pub mod build;
 pub mod check;
+pub mod creases;
+mod directions;
 pub mod layers;
 pub mod optimise;
 pub mod packing;
@@ -27,6 +29,7 @@ use crate::remesh::SizeField;
 
 pub use build::{BuildOptions, BuildSummary, build, build_watched};
 pub use check::SurfaceFault;
+pub use creases::{Crease, CreaseOptions};
 pub use layers::{LayerOptions, LayerSummary};
 pub use optimise::{OptimiseOptions, OptimiseSummary, optimise};
 pub use sizing::SizingOptions;
@@ -74,13 +77,23 @@ pub enum Error {
     },
     /// There is no room for layers, however thin.
     #[error(
-        "volume: boundary layers are not possible on this surface, even at a thousandth of the wished thickness: \
-         remesh it (folds or triangles of high skewness at the wall), or set the number of layers to 0"
+        "volume: boundary layers are not possible on this surface{}, even at a thousandth of the wished thickness: \
+         remesh it (folds or triangles of high skewness at the wall), or set the number of layers to 0",
+        near(places)
     )]
-    Layers,
+    Layers {
+        /// Vertices of the wall where they fail, mm.
+        places: Vec<Point>,
+    },
     /// The caller asked to stop.
     #[error("volume: cancelled")]
     Cancelled,
+}
+
+fn near(places: &[Point]) -> String {
+    places.first().map_or(String::new(), |p| {
+        format!(" at {} vertices, the first near ({:.2}, {:.2}, {:.2})", places.len(), p.x, p.y, p.z)
+    })
 }
 
 fn list(attempts: &[Attempt]) -> String {

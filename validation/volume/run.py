@@ -13,6 +13,8 @@ import subprocess
 import sys
 import time
 
+from foam import check_mesh
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
 OUT = ROOT / "validation/results/volume"
@@ -129,25 +131,6 @@ def row(case, mesher, q, seconds, said=None):
     }
 
 
-def check_mesh(folder):
-    """checkMesh's own verdict; None where it is not installed."""
-    if not shutil.which("checkMesh"):
-        return None
-    (folder / "system").mkdir(parents=True, exist_ok=True)
-    (folder / "system/controlDict").write_text(
-        "FoamFile{version 2.0;format ascii;class dictionary;object controlDict;}\nstartFrom startTime;startTime 0;stopAt endTime;"
-        "endTime 1;deltaT 1;writeControl timeStep;writeInterval 1;\n"
-    )
-    head = "FoamFile{version 2.0;format ascii;class dictionary;object dictionary;}\n"
-    (folder / "system/fvSchemes").write_text(head + "ddtSchemes{} gradSchemes{} divSchemes{} laplacianSchemes{} interpolationSchemes{} snGradSchemes{}\n")
-    (folder / "system/fvSolution").write_text(head + "solvers{}\n")
-    env = {"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ}
-    log = subprocess.run(["checkMesh", "-allGeometry", "-allTopology"], cwd=folder, env=env, capture_output=True, text=True).stdout
-    if "Mesh OK." in log:
-        return "Mesh OK"
-    return "; ".join(line.strip(" *") for line in log.splitlines() if line.startswith(" ***")) or "no verdict"
-
-
 def ours(case, surface, layers=0, cells=None):
     folder = WORK / case / f"ours{layers}"
     shutil.rmtree(folder, ignore_errors=True)
@@ -161,7 +144,7 @@ def ours(case, surface, layers=0, cells=None):
     out = json.loads(done.stdout)
     build = out["build"]
     name = f"lumenmesh, {layers} layers" if layers else "lumenmesh"
-    r = row(case, name, out["quality"], out["seconds"]["all"], check_mesh(folder))
+    r = row(case, name, out["quality"], out["seconds"]["all"], check_mesh(folder)[0])
     r["tetgen_seconds"] = out["seconds"]["tetgen"]
     r["optimiser_seconds"] = out["seconds"]["optimiser"]
     r["size_ratio"] = build["fill"]["size_ratio"]
