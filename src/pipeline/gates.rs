@@ -71,6 +71,7 @@ pub fn volume(report: &mut Report, case: &Case, q: &VolumeQuality, boundary_faul
     report.gate(Gate::advisory("FLUENT orthogonal quality aimed at, min", q.fluent.orthogonal_quality_min, Limit::AtLeast(0.15)));
     let f = &q.openfoam;
     report.gate(Gate::hard("OpenFOAM non-orthogonality, max (degrees)", f.non_orthogonality_max, Limit::AtMost(g.max_non_orthogonality)));
+    report.gate(Gate::advisory("OpenFOAM non-orthogonality aimed at, max (degrees)", f.non_orthogonality_max, Limit::AtMost(65.0)));
     report.gate(Gate::hard("OpenFOAM skewness, max", f.skewness_max, Limit::Below(g.max_openfoam_skewness)));
     report.gate(Gate::hard("OpenFOAM cell determinant, min", f.determinant_min, Limit::AtLeast(g.min_determinant)));
 }

@@ -5,8 +5,9 @@ use std::sync::atomic::AtomicBool;
 use serde::Serialize;
 
 use super::layers::{self, LayerOptions, LayerSummary};
-use super::optimise::{OptimiseOptions, OptimiseSummary, optimise_until};
+use super::optimise::{OptimiseOptions, OptimiseSummary, optimise_until, quality};
 use super::{Error, Summary, VolumeOptions, cancelled, check_surface, fill_and};
+use crate::geometry::Point;
 use crate::mesh::{TriMesh, VolumeMesh};
 use crate::remesh::SizeField;
 
@@ -32,6 +33,9 @@ impl Default for BuildOptions {
 pub struct BuildSummary {
     /// The layers.
     pub layers: Option<LayerSummary>,
+    /// Each time that the layers were made thinner at some places, since the tetrahedra inside came out poor there; the
+    /// best of all is the mesh.
+    pub retries: Vec<Retry>,
     /// TetGen.
     pub fill: Summary,
     /// The optimiser.
@@ -43,6 +47,17 @@ pub struct BuildSummary {
     #[serde(skip)]
     pub wished_thickness: Vec<f64>,
 }
+
+/// Where layers were made thinner.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Retry {
+    /// Vertices of the surface at poor tetrahedra.
+    pub vertices: usize,
+    /// The first of them, mm.
+    pub first: Point,
+}
+
+type Filled = (VolumeMesh, Summary, Option<OptimiseSummary>);
 
 /// Fills a closed, patched surface, with layers where asked for.
 ///
@@ -75,7 +90,7 @@ pub fn build_watched(
     let Some(wanted) = options.layers.as_ref().filter(|l| l.count > 0) else {
         let (mesh, fill, optimise) = tetrahedra(surface, size, options, cancel, expect)?;
         let none = vec![];
-        return Ok((mesh, BuildSummary { layers: None, fill, optimise, thickness: none.clone(), wished_thickness: none }));
+        return Ok((mesh, BuildSummary { layers: None, retries: vec![], fill, optimise, thickness: none.clone(), wished_thickness: none }));
     };
     for (option, value, must, good) in [
         ("layers.growth", wanted.growth, "between 0.5 and 3", (0.5..=3.0).contains(&wanted.growth)),
@@ -93,12 +108,63 @@ pub fn build_watched(
         }
     }
     check_surface(surface)?;
-    let (grown, summary) = layers::grow(surface, wanted)
-        .map_err(|at| Error::Layers { places: at.iter().map(|&v| surface.points[v as usize]).collect() })?;
-    let (mesh, fill, optimise) = tetrahedra(&grown.inner, &Edges, options, cancel, expect)?;
-    let (thickness, wished_thickness) = (grown.thickness.clone(), grown.wished.clone());
-    let mesh = grown.join(mesh);
-    Ok((mesh, BuildSummary { layers: Some(summary), fill, optimise, thickness, wished_thickness }))
+    let mut retries: Vec<Retry> = vec![];
+    let mut thinner: Vec<u32> = vec![];
+    let mut best: Option<((bool, f64), VolumeMesh, BuildSummary)> = None;
+    loop {
+        let (grown, summary) = match layers::grow(surface, wanted, &thinner) {
+            Ok(grown) => grown,
+            Err(_) if best.is_some() => break,
+            Err(at) => return Err(Error::Layers { places: at.iter().map(|&v| surface.points[v as usize]).collect() }),
+        };
+        let quiet = |_| ();
+        let heard: &dyn Fn(u64) = if retries.is_empty() { expect } else { &quiet };
+        let (inside, fill, optimise) = match tetrahedra(&grown.inner, &Edges, options, cancel, heard) {
+            Err(Error::TetGen { .. } | Error::Surface(_)) if best.is_some() => break,
+            filled => filled?,
+        };
+        let (worst, bound) = poor(&inside, surface.points.len());
+        let (thickness, wished_thickness) = (grown.thickness.clone(), grown.wished.clone());
+        let mesh = grown.join(inside);
+        let good = bound.is_empty() && best.is_none();
+        let score = (good || solvers_accept(&mesh), worst);
+        if best.as_ref().is_none_or(|b| score > b.0) {
+            let summary = BuildSummary { layers: Some(summary), retries: vec![], fill, optimise, thickness, wished_thickness };
+            best = Some((score, mesh, summary));
+        }
+        if bound.is_empty() || options.optimise.is_none() || retries.len() == MOST_RETRIES {
+            break;
+        }
+        retries.push(Retry { vertices: bound.len(), first: surface.points[bound[0] as usize] });
+        thinner.extend(bound);
+    }
+    let Some((_, mesh, summary)) = best else { return Err(Error::Layers { places: vec![] }) };
+    Ok((mesh, BuildSummary { retries, ..summary }))
+}
+
+/// Whether checkMesh accepts the mesh where layers are thin: layers made thinner must not cost that.
+fn solvers_accept(mesh: &VolumeMesh) -> bool {
+    crate::quality::volume(mesh, &Default::default()).is_ok_and(|q| {
+        q.openfoam.determinant_min >= 0.001 && q.openfoam.non_orthogonality_max <= 70.0 && q.sv_max < 0.95
+    })
+}
+
+/// Most times that layers are made thinner where the tetrahedra inside them came out poor.
+const MOST_RETRIES: usize = 3;
+
+/// The worst shape of the tetrahedra, and the vertices of the surface at those that miss what is aimed at.
+fn poor(mesh: &VolumeMesh, surface_points: usize) -> (f64, Vec<u32>) {
+    let shapes = mesh.tets.iter().map(|t| (quality::shape(&t.map(|v| mesh.points[v as usize])), t));
+    let (mut worst, mut at) = (1.0f64, vec![]);
+    for (shape, tet) in shapes {
+        worst = worst.min(shape);
+        if shape < quality::AIM {
+            at.extend(tet.iter().filter(|&&v| (v as usize) < surface_points));
+        }
+    }
+    at.sort_unstable();
+    at.dedup();
+    (worst, at)
 }
 
 /// No wish: the surface's own edges count. The inner surface's are shorter than the field that made the wall's.
@@ -116,7 +182,7 @@ fn tetrahedra(
     options: &BuildOptions,
     cancel: Option<&AtomicBool>,
     expect: &dyn Fn(u64),
-) -> Result<(VolumeMesh, Summary, Option<OptimiseSummary>), Error> {
+) -> Result<Filled, Error> {
     let mut optimised = None;
     let (mesh, fill) = fill_and(surface, size, &options.fill, cancel, expect, &mut |mesh| {
         optimised = options.optimise.as_ref().map(|o| optimise_until(mesh, o, &|| cancelled(cancel)));

@@ -27,6 +27,12 @@ const WIDEN: u32 = 6;
 /// Rounds in which directions are turned before any thickness is taken back.
 const TURNS: u32 = 3;
 
+/// Part of the thickness that is left where the tetrahedra inside came out poor.
+const THINNER: f64 = 0.8;
+
+/// Height of the first layer, as a part of the edges round a vertex, under which that is not done.
+const LEAST_FIRST: f64 = 0.08;
+
 /// Least angle of the inner surface between two of its triangles, measured inside, degrees.
 const LEAST_ANGLE: f64 = 60.0;
 
@@ -97,15 +103,22 @@ pub struct Layers {
 
 /// Grows layers from the wall of `surface`, which is closed, oriented and free of self-intersection.
 ///
-/// No prism is inverted: at all six corners the three edges are right-handed.
+/// No prism is inverted: at all six corners the three edges are right-handed. Layers start thinner round the vertices
+/// of `thinner`, once for each time that one stands there.
 ///
 /// # Errors
 /// The vertices at which even thin layers are not possible; none where there is no wall.
-pub fn grow(surface: &TriMesh, options: &LayerOptions) -> Result<(Layers, LayerSummary), Vec<u32>> {
+pub fn grow(surface: &TriMesh, options: &LayerOptions, thinner: &[u32]) -> Result<(Layers, LayerSummary), Vec<u32>> {
     let mut wall = Wall::new(surface).ok_or_else(Vec::new)?;
     let wished = wall.wished(surface, options);
     let steps = steps(options);
-    let mut t = smooth_lower(surface, wall.limited(surface, &wished), 0.25);
+    let mut t = wall.limited(surface, &wished);
+    for v in thinner.iter().flat_map(|&v| wall.around(surface, v)) {
+        let v = v as usize;
+        // Never so thin that a solver refuses the first layer.
+        t[v] = t[v].min((THINNER * t[v]).max(LEAST_FIRST * wall.size[v] / steps[1]));
+    }
+    let mut t = smooth_lower(surface, t, 0.25);
     let mut rounds = 0;
     let inner = loop {
         let ends = wall.ends(surface, &t);
@@ -343,6 +356,15 @@ impl Wall {
             }
         }
         (0..s.points.len() as u32).filter(|&v| marked[v as usize] && self.on_wall[v as usize]).collect()
+    }
+
+    /// A vertex and its neighbours on the wall.
+    fn around(&self, s: &TriMesh, v: u32) -> Vec<u32> {
+        let near = self.triangles.iter().map(|&t| s.triangles[t]).filter(|c| c.contains(&v));
+        let mut all: Vec<u32> = near.flatten().collect();
+        all.sort_unstable();
+        all.dedup();
+        all
     }
 
     fn level(&self, s: &TriMesh, t: &[f64], v: u32, f: f64) -> Point {

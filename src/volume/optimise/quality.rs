@@ -24,6 +24,9 @@ pub fn quality(p: &[Point; 4]) -> f64 {
     if six > 0.0 { q } else { -q }
 }
 
+/// [`shape`] at the limits aimed at: equi-volume skewness 0.8, dihedral angles of 15° and 155°.
+pub const AIM: f64 = 0.2;
+
 /// [`quality`], held down where a dihedral angle is sharp or flat: 0.2 at 15° and at 155°, the limits aimed at.
 pub fn shape(p: &[Point; 4]) -> f64 {
     let q = quality(p);
