@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """How near the reconstructed wall lies to the true one, beside what users have today.
 
-    validation/accuracy/run.sh [DATA [NAME...]]
+    validation/accuracy/run.sh [DATA [--resume] [NAME...]]
 
 Every built-in phantom and, where DATA (default ../shared/data) is present, its phantoms and its real masks with the
 surfaces they were made from. Per mask, in one run: the smooth fit polygonized at half a voxel (before remeshing),
 marching cubes (vtkFlyingEdges3D) and marching cubes smoothed as Taubin's (vtkWindowedSincPolyDataFilter, pass band 0.1,
 30 iterations). Writes validation/results/accuracy/README.md and pictures; with names, prints the figures of these alone.
+The table grows case by case; `--resume` takes what a stopped run has measured.
 """
 import gzip, json, subprocess, sys, tempfile, time
 from pathlib import Path
@@ -217,6 +218,10 @@ def cases(data):
 PICTURES = ("aneurysm", "ph3_aneurysm_Y_iso", "aneu_a_aniso", "carotid_aniso")
 
 
+def names_given():
+    return any(a != "--resume" for a in sys.argv[2:])
+
+
 def evaluate(kind, name, path, truth, lids=()):
     image = sitk.ReadImage(str(path))
     report, seconds = fit(path, WORK / name, 3)
@@ -228,11 +233,11 @@ def evaluate(kind, name, path, truth, lids=()):
     if final:
         rows["remeshed"] = measure(final, truth, image, lids)[0]
     spacing = np.array(image.GetSpacing())
-    if name in PICTURES and len(sys.argv) < 3:
+    if name in PICTURES and not names_given():
         picture([(n, coloured(m, truth, float(np.linalg.norm(spacing)))) for n, m in meshes.items()], RESULTS / f"{name}.png", (-0.3, 0.3))
     t = report["topology"]
     print(name, {k: round(v, 4) for k, v in rows["fit"].items()}, f"processor {seconds[1]:.2f} s, peer {peer_seconds[1]:.3f} s", flush=True)
-    return dict(kind=kind, name=name, rows=rows, seconds=seconds, peer=peer_seconds, anisotropic=spacing.max() > 1.5 * spacing.min(),
+    return dict(kind=kind, name=name, rows=rows, seconds=seconds, peer=peer_seconds, anisotropic=bool(spacing.max() > 1.5 * spacing.min()),
                 chi=(2 * t["mask"]["euler"], t["surface"]["euler"]), parts=(t["mask"]["components"], t["surface"]["components"]),
                 volume=report["volume"] / report["mask_volume"], boundary=report["boundary_voxels"], voxels=report["voxels"], memory=report["peak_memory_bytes"])
 
@@ -315,12 +320,24 @@ def main():
     RESULTS.mkdir(parents=True, exist_ok=True)
     WORK.mkdir(parents=True, exist_ok=True)
     data = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT.parent / "shared/data"
-    names = sys.argv[2:]
-    found = [evaluate(*c) for c in cases(data) if not names or c[1] in names]
+    names = [a for a in sys.argv[2:] if a != "--resume"]
+    found = []
+    for case in cases(data):
+        kept = WORK / case[1] / "figures.json"
+        if names and case[1] not in names:
+            continue
+        if "--resume" in sys.argv and kept.exists():
+            found.append(json.loads(kept.read_text()))
+        else:
+            found.append(evaluate(*case))
+            kept.write_text(json.dumps(found[-1]))
+        if not names:
+            write(found, [])
     if names:
         print("\n".join(table([c for c in found if c["kind"] == "real"], "Real", "") + table([c for c in found if c["kind"] != "real"], "Phantoms", "")))
         return
     grown = growth()
+    write(found, grown)
     random = subprocess.run([str(RANDOM)], capture_output=True, text=True, check=True).stdout
     (RESULTS / "random.md").write_text(random)
     write(found, grown)
