@@ -28,6 +28,8 @@ pub struct IsotropicOptions {
     pub relaxations: usize,
     /// Rounds of flip and relax at the end, without splits and collapses.
     pub finishing: usize,
+    /// Relaxation steps in each of these.
+    pub finishing_relaxations: usize,
     /// Edges longer than this many wished lengths are split.
     pub split_above: f64,
     /// Edges shorter than this many wished lengths are collapsed.
@@ -51,6 +53,7 @@ impl Default for IsotropicOptions {
             iterations: 8,
             relaxations: 8,
             finishing: 6,
+            finishing_relaxations: 8,
             split_above: 1.4,
             collapse_below: 0.85,
             coarse_first: 1.7,
@@ -120,25 +123,25 @@ fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
         if 2 * i >= options.iterations {
             summary.flips += anneal(s, 3);
         }
-        settle(s, options, if i < 2 { 0.7 } else { 1.0 }, 0.0, summary);
+        settle(s, options.relaxations, if i < 2 { 0.7 } else { 1.0 }, 0.0, summary);
     }
     for i in 0..options.finishing {
         summary.flips += flip_for_valence(s) + anneal(s, 6);
         // Sizes first, then angles.
         let shape = (i as f64 / options.finishing as f64).min(0.9);
-        settle(s, options, 1.0, shape, summary);
+        settle(s, options.finishing_relaxations, 1.0, shape, summary);
     }
     summary.flips += flip_for_angle(s);
-    settle(s, options, 0.8, 0.9, summary);
+    settle(s, options.finishing_relaxations, 0.8, 0.9, summary);
     summary.flips += flip_for_angle(s);
     summary.unprojected = s.project_all();
 }
 
 /// A group of relaxation steps; every second one and the last end on the carrier.
-fn settle(s: &mut Surface, options: &IsotropicOptions, step: f64, shape: f64, summary: &mut Summary) {
+fn settle(s: &mut Surface, steps: usize, step: f64, shape: f64, summary: &mut Summary) {
     let ids = s.vertices();
-    for i in 0..options.relaxations {
-        let project = i % 2 == 1 || i + 1 == options.relaxations;
+    for i in 0..steps {
+        let project = i % 2 == 1 || i + 1 == steps;
         relax(s, &ids, Balance { step, shape, project });
         summary.relaxations += 1;
     }

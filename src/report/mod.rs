@@ -151,9 +151,14 @@ impl Default for Report {
 }
 
 impl Report {
-    /// Puts a stage's summary under `key`. A number that JSON lacks (infinite, NaN) becomes `null`.
+    /// Puts a stage's summary under `key`, beside what was put into that section before. A number that JSON lacks (infinite, NaN) becomes `null`.
     pub fn put(&mut self, key: &'static str, summary: &impl Serialize) {
-        self.sections.insert(key, serde_json::to_value(summary).unwrap_or(Value::Null));
+        match (self.sections.get_mut(key), serde_json::to_value(summary).unwrap_or(Value::Null)) {
+            (Some(Value::Object(old)), Value::Object(new)) => old.extend(new),
+            (_, value) => {
+                self.sections.insert(key, value);
+            }
+        }
     }
 
     /// Adds a key to a section that is an object.
@@ -187,6 +192,14 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_summary_leaves_what_others_put_into_its_section() {
+        let mut r = Report::default();
+        r.put_in("surface", "front_fraction", &0.99);
+        r.put("surface", &serde_json::json!({"faces": 12}));
+        assert_eq!(r.sections["surface"], serde_json::json!({"front_fraction": 0.99, "faces": 12}));
+    }
 
     #[test]
     fn a_missed_hard_gate_fails_the_run_and_an_advisory_one_does_not() {
