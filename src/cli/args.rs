@@ -53,8 +53,12 @@ pub enum Command {
         /// The shell.
         shell: clap_complete::Shell,
     },
-    /// Print the manual page (roff).
-    Man,
+    /// Print the manual page (roff), or write one for each subcommand.
+    Man {
+        /// Folder for the pages of all subcommands: lumenmesh.1, lumenmesh-run.1, …
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+    },
 }
 
 /// `lumenmesh convergence`

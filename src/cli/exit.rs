@@ -1,6 +1,6 @@
 //! Exit codes, in one place.
 
-use crate::config::ConfigError;
+use crate::config::{self, ConfigError};
 use crate::pipeline;
 
 /// Usage or configuration.
@@ -21,12 +21,14 @@ pub const INTERRUPTED: u8 = 130;
 pub struct Failure {
     code: u8,
     error: anyhow::Error,
+    opening: Option<String>,
+    place: Option<String>,
 }
 
 impl Failure {
     /// A failure with its exit code.
     pub fn new(code: u8, error: impl Into<anyhow::Error>) -> Failure {
-        Failure { code, error: error.into() }
+        Failure { code, error: error.into(), opening: None, place: None }
     }
 
     /// A failure of usage or configuration.
@@ -42,7 +44,19 @@ impl Failure {
     /// What, where and what to do.
     pub fn message(&self) -> String {
         // Every error here names its cause itself; the chain would say it twice.
-        self.error.to_string()
+        match &self.place {
+            Some(place) => format!("{place}: {}", self.error),
+            None => self.error.to_string(),
+        }
+    }
+
+    /// The same with the line of the case file that has the opening at fault, where one is.
+    #[must_use]
+    pub fn in_case(mut self, file: &std::path::Path) -> Failure {
+        let Some(name) = &self.opening else { return self };
+        let line = std::fs::read_to_string(file).ok().and_then(|text| config::line_of_opening(&text, name));
+        self.place = line.map(|n| format!("{}:{n}", file.display()));
+        self
     }
 }
 
@@ -64,6 +78,7 @@ impl From<pipeline::Error> for Failure {
             pipeline::ErrorKind::Engine => ENGINE,
             pipeline::ErrorKind::Interrupted => INTERRUPTED,
         };
-        Failure::new(code, e)
+        let opening = e.opening().map(str::to_string);
+        Failure { opening, ..Failure::new(code, e) }
     }
 }

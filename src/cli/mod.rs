@@ -80,6 +80,6 @@ pub fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Schema => text::schema(),
         Command::Reference => text::reference(),
         Command::Completions { shell } => text::completions(*shell),
-        Command::Man => text::man(),
+        Command::Man { output } => text::man(output.as_deref()),
     }
 }

@@ -14,7 +14,7 @@ use crate::report::{Report, Status};
 pub fn run(args: &RunArgs) -> Result<u8, Failure> {
     let case = config::load(&args.case, &args.common.set)?;
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(args.case.file_stem().unwrap_or_default()));
-    execute(&case, &output, &args.common)
+    execute(&case, &output, &args.common).map_err(|f| f.in_case(&args.case))
 }
 
 /// `lumenmesh mesh MASK`

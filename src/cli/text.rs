@@ -1,6 +1,7 @@
 //! Commands that only print: schema, reference, completions, manual page, validation.
 
 use std::io::Write;
+use std::path::Path;
 
 use clap::CommandFactory;
 
@@ -35,7 +36,13 @@ pub fn completions(shell: clap_complete::Shell) -> Result<u8, Failure> {
 }
 
 /// `lumenmesh man`
-pub fn man() -> Result<u8, Failure> {
+pub fn man(folder: Option<&Path>) -> Result<u8, Failure> {
+    if let Some(folder) = folder {
+        let written = std::fs::create_dir_all(folder).and_then(|()| clap_mangen::generate_to(Cli::command(), folder));
+        let told = |e| anyhow::anyhow!("{}: {e}: give a folder that can be written", folder.display());
+        written.map_err(|e| Failure::new(USAGE, told(e)))?;
+        return Ok(0);
+    }
     let mut out = Vec::new();
     clap_mangen::Man::new(Cli::command()).render(&mut out).map_err(|e| Failure::new(USAGE, e))?;
     print(&out)

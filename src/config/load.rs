@@ -110,6 +110,24 @@ fn first_line(text: &str) -> &str {
     text.lines().next().unwrap_or_default()
 }
 
+/// The line of a case file, from 1, that names an opening under `openings:` or `extensions:`.
+pub fn line_of_opening(text: &str, name: &str) -> Option<usize> {
+    let mut under = false;
+    let names = |line: &str| line.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == '-' || c == '.')).any(|word| word == name);
+    for (n, line) in text.lines().enumerate() {
+        let line = line.split(" #").next().unwrap_or_default();
+        let trimmed = line.trim_start();
+        // A key of the outermost level begins a section; items of a list may begin there too.
+        if !trimmed.is_empty() && trimmed.len() == line.len() && !trimmed.starts_with(['-', '#']) {
+            under = trimmed.starts_with("openings:") || trimmed.starts_with("extensions:");
+        }
+        if under && !trimmed.starts_with('#') && names(trimmed) {
+            return Some(n + 1);
+        }
+    }
+    None
+}
+
 /// File, line and column, and the line itself with a mark under the column.
 fn at_place(name: &str, text: &str, line: usize, column: usize, message: &str) -> ConfigError {
     let shown = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
@@ -235,6 +253,13 @@ mod tests {
         let e = error("input: {mask: a.nrrd}\nsurface:\n  edge_lenght: 0.4 mm\n");
         assert!(e.starts_with("case.yaml:3:3: "), "{e}");
         assert!(e.contains("`edge_lenght`") && e.contains("did you mean `edge_length`?"), "{e}");
+    }
+
+    #[test]
+    fn the_line_of_an_opening_is_found_in_every_spelling() {
+        let text = "input: {mask: inlet.nrrd}\nopenings:\n- name: inlet # the outlet\n  center: [1, 2, 3]\n- {name: \"outlet\", center: [0, 0, 0]}\nextensions:\n  openings: {side: 3 D}\n";
+        let lines = ["inlet", "outlet", "side", "let"].map(|name| line_of_opening(text, name));
+        assert_eq!(lines, [Some(3), Some(5), Some(7), None]);
     }
 
     #[test]

@@ -11,6 +11,6 @@ mod reference;
 pub use case::*;
 pub use flow::{Blood, Flow, InletFlow, OutletFlow, Split, VelocityProfile, Viscosity};
 pub use length::{AutoLength, Length, LengthError, Unit};
-pub use load::{ConfigError, from_text, load, to_yaml};
+pub use load::{ConfigError, from_text, line_of_opening, load, to_yaml};
 pub use openings::{Detect, OpeningKind, OpeningPlane, OpeningsSection, Rename};
 pub use reference::{reference_page, schema};

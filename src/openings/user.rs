@@ -107,6 +107,21 @@ pub enum UserError {
     SameName(String),
 }
 
+impl UserError {
+    /// Name of the opening at fault.
+    pub fn opening(&self) -> &str {
+        match self {
+            UserError::Normal { name, .. }
+            | UserError::Misses { name, .. }
+            | UserError::Grazes { name, .. }
+            | UserError::Sac { name, .. }
+            | UserError::CutsEverything { name, .. }
+            | UserError::UnknownName { name, .. }
+            | UserError::SameName(name) => name,
+        }
+    }
+}
+
 /// Applies the user's planes and names to detected openings; returns them by id, with warnings.
 pub fn apply_user(
     mask: &Mask,

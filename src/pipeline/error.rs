@@ -107,6 +107,16 @@ pub enum Error {
 }
 
 impl Error {
+    /// The opening that is at fault, by the name that the case has for it.
+    pub fn opening(&self) -> Option<&str> {
+        match self {
+            Error::Openings(e) => Some(e.opening()),
+            Error::UserOpenings(e) => Some(e.opening()),
+            Error::Extension(e) => Some(e.opening()),
+            _ => None,
+        }
+    }
+
     /// The kind of failure.
     pub fn kind(&self) -> ErrorKind {
         match self {

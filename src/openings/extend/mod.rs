@@ -90,6 +90,20 @@ pub enum ExtendError {
     },
 }
 
+impl ExtendError {
+    /// Name of the opening at fault.
+    pub fn opening(&self) -> &str {
+        match self {
+            ExtendError::Unknown { name, .. }
+            | ExtendError::Length { name, .. }
+            | ExtendError::Direction { name, .. }
+            | ExtendError::Section { name, .. }
+            | ExtendError::Ring { name, .. }
+            | ExtendError::Collides { name, .. } => name,
+        }
+    }
+}
+
 /// A vessel with extensions. Values are close to distances near the wall where sections are nearly round.
 pub struct Extended<I> {
     inner: I,
