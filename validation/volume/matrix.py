@@ -72,10 +72,15 @@ def run(name, mask, extra, scale, layers):
     if row["code"] not in (0, 6):
         row["error"] = words[0][:200] if words else ""
         return row
+    return row | figures(out)
+
+
+def figures(out):
+    """What a finished run says of its volume mesh, and checkMesh."""
     r = json.loads((out / "report.json").read_text())
     v = r["volume"]
     build = v["build"]
-    row |= {
+    row = {
         "faces": r["surface"]["faces"], "s_max": r["surface"]["s_max"], "tets": v["tets"], "prisms": v["prisms"],
         "sv_max": v["sv_max"], "sv_mean": v["sv_mean"], "inverted": v["nonpositive_cells"],
         "dihedral": [v["min_dihedral"], v["max_dihedral"]], "orthogonal_quality": v["orthogonal_quality"],
@@ -119,18 +124,18 @@ def missed(r):
 
 
 HEAD = ("| case | scale | layers | faces | tets | prisms | S_V max | mean | inverted | dihedral | OQ min | non-orth | det min "
-        "| inner S | wall at ≥ 95 % thickness | checkMesh | s | missed |")
+        "| inner S | wall at ≥ 95 % thickness | checkMesh | s | build | missed |")
 
 
 def line(r):
     head = f"| {r['case']} | {r['scale']} | {r['layers']} "
     if r["code"] not in (0, 6):
-        return head + "| " * 13 + f"| {r['seconds']:.0f} | {'; '.join(missed(r))} |"
+        return head + "| " * 13 + f"| {r['seconds']:.0f} | {r['program'][:4]} | {'; '.join(missed(r))} |"
     inner = f"{r['inner_s']:.3f} | {100 * r['full']:.1f} %" if "full" in r else " | "
     return head + (
         f"| {r['faces']} | {r['tets']} | {r['prisms']} | {r['sv_max']:.3f} | {r['sv_mean']:.3f} | {r['inverted']} "
         f"| {r['dihedral'][0]:.1f}–{r['dihedral'][1]:.1f}° | {r['orthogonal_quality']:.3f} | {r['non_orthogonality']:.1f}° "
-        f"| {r['determinant']:.4f} | {inner} | {(r['checkmesh'] or 'not installed')[:80]} | {r['seconds']:.0f} | {'; '.join(missed(r))} |"
+        f"| {r['determinant']:.4f} | {inner} | {(r['checkmesh'] or 'not installed')[:80]} | {r['seconds']:.0f} | {r['program'][:4]} | {'; '.join(missed(r))} |"
     )
 
 
@@ -144,6 +149,9 @@ def page(rows):
              "angles within 15°–155°, orthogonal quality ≥ 0.15, non-orthogonality ≤ 65°, inner surface S ≤ 0.6, aneurysms ≥ 95 % of",
              "the wished thickness on 90 % of the wall. The last column names what misses.", ""]
     bad = [r for r in rows if missed(r)]
+    builds = sorted({r["program"][:4] for r in rows})
+    if len(builds) > 1:
+        text += [f"Rows of {len(builds)} builds (column `build`): run the script anew for a table of one.", ""]
     text += [f"{len(rows)} meshes, {len(rows) - len(bad)} meet everything.", ""]
     if good:
         low, high = min(r["size_ratio"][0] for r in good), max(r["size_ratio"][2] for r in good)
