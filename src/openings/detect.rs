@@ -235,7 +235,7 @@ fn one(
             if whole && (border || late || !grown) {
                 let from = *settled_at.get_or_insert(t);
                 let ratio = s.area / (std::f64::consts::PI * r * r);
-                let taking = !border && !shared::others(lines, branch, &plane, &s).is_empty();
+                let taking = !border && shared::takes_off(lines, &shared::others(lines, branch, &plane, &s), &plane, r);
                 let badness = (ratio / options.max_area_ratio).max(s.aspect / 2.0).max(if s.clipped || taking { 9.0 } else { 0.0 });
                 if best.as_ref().is_none_or(|b| badness < b.0) {
                     best = Some((badness, t, plane, r, s));
@@ -271,7 +271,8 @@ fn one(
     };
     let end = FoundEnd { name: String::new(), center: plane.origin, tip: walk.point[0], from_tip, area: s.area };
     let others = if border { Vec::new() } else { shared::others(lines, branch, &plane, &s) };
-    Ok(Leaving { sized: Sized { opening, area: s.area, fixed: false }, end, badness, section: s, branch, others })
+    let takes_off = shared::takes_off(lines, &others, &plane, radius);
+    Ok(Leaving { sized: Sized { opening, area: s.area, fixed: false }, end, badness, section: s, branch, others, takes_off })
 }
 
 /// An end with its place, before it is known how good that is.
@@ -284,12 +285,22 @@ struct Leaving {
     branch: usize,
     /// Other branches that run out through the section.
     others: Vec<usize>,
+    /// Whether one of them goes on.
+    takes_off: bool,
 }
 
 impl Leaving {
     fn ending(&self) -> Ending {
         let o = &self.sized.opening;
-        Ending { branch: self.branch, tip: self.end.tip, plane: o.plane, radius: o.radius, area: self.sized.area, others: self.others.clone() }
+        Ending {
+            branch: self.branch,
+            tip: self.end.tip,
+            plane: o.plane,
+            radius: o.radius,
+            area: self.sized.area,
+            others: self.others.clone(),
+            takes_off: self.takes_off,
+        }
     }
 
     /// The opening there; an irregular section costs confidence and is told.

@@ -5,7 +5,7 @@
 
 use super::detect::BlindReason;
 use super::section::Section;
-use crate::centerline::Centerlines;
+use crate::centerline::{Centerlines, EndKind};
 use crate::geometry::{Plane, Point};
 
 /// A found end, as far as others matter to it.
@@ -23,6 +23,8 @@ pub(super) struct Ending {
     pub area: f64,
     /// Other branches that run out through the section.
     pub others: Vec<usize>,
+    /// Whether one of them goes on beyond it.
+    pub takes_off: bool,
 }
 
 /// A tip within this many radii of the plane's origin goes with the cut.
@@ -40,6 +42,21 @@ pub(super) fn others(lines: &Centerlines, branch: usize, plane: &Plane, section:
     (0..lines.branches.len()).filter(|&n| n != branch && through(n)).collect()
 }
 
+/// Whether a cut would take off a branch that goes on, as those of `others` do that do not end right behind the plane.
+pub(super) fn takes_off(lines: &Centerlines, others: &[usize], plane: &Plane, radius: f64) -> bool {
+    let ends_here = |n: usize| {
+        let b = &lines.branches[n];
+        let tips = [b.samples.first(), b.samples.last()];
+        (0..2).any(|e| b.ends[e] == EndKind::Free && tips[e].is_some_and(|s| is_behind(plane, radius, &s.point)))
+    };
+    others.iter().any(|&n| !ends_here(n))
+}
+
+/// Whether a tip lies right behind the plane: a cut there takes no more off than the end itself.
+fn is_behind(plane: &Plane, radius: f64, tip: &Point) -> bool {
+    plane.signed_distance(tip) > 0.0 && (tip - plane.origin).norm() <= NEAR * radius
+}
+
 /// Which of the ends stay closed, and why.
 pub(super) fn settle(ends: &[Ending]) -> Vec<Option<BlindReason>> {
     let mut closed: Vec<Option<BlindReason>> = vec![None; ends.len()];
@@ -53,13 +70,13 @@ pub(super) fn settle(ends: &[Ending]) -> Vec<Option<BlindReason>> {
         let e = &ends[n];
         let ends_here = |m: usize| {
             let t = &ends[m];
-            e.others.contains(&t.branch) && e.plane.signed_distance(&t.tip) > 0.0 && (t.tip - e.plane.origin).norm() <= NEAR * e.radius
+            e.others.contains(&t.branch) && is_behind(&e.plane, e.radius, &t.tip)
         };
         let along: Vec<usize> = (0..ends.len()).filter(|&m| m != n && ends_here(m)).collect();
-        if e.others.iter().all(|b| along.iter().any(|&m| ends[m].branch == *b)) {
-            along.into_iter().for_each(|m| closed[m] = Some(BlindReason::SharedOpening));
-        } else {
+        if e.takes_off {
             closed[n] = Some(BlindReason::SharedSection);
+        } else {
+            along.into_iter().for_each(|m| closed[m] = Some(BlindReason::SharedOpening));
         }
     }
     closed
@@ -69,25 +86,31 @@ pub(super) fn settle(ends: &[Ending]) -> Vec<Option<BlindReason>> {
 mod tests {
     use super::*;
 
-    fn end(branch: usize, x: f64, length: f64, area: f64, others: &[usize]) -> Ending {
+    fn end(branch: usize, x: f64, length: f64, area: f64, others: &[usize], takes_off: bool) -> Ending {
         let plane = Plane::new([x, 0.0, 0.0].into(), [0.0, 0.0, 1.0].into()).expect("a plane");
-        Ending { branch, tip: Point::new(x, 0.0, length), plane, radius: 1.0, area, others: others.to_vec() }
+        Ending { branch, tip: Point::new(x, 0.0, length), plane, radius: 1.0, area, others: others.to_vec(), takes_off }
     }
 
     #[test]
     fn two_ends_side_by_side_share_the_larger_opening() {
-        let ends = [end(4, 0.0, 2.0, 5.0, &[7]), end(7, 1.0, 2.0, 6.0, &[4])];
+        let ends = [end(4, 0.0, 2.0, 5.0, &[7], false), end(7, 1.0, 2.0, 6.0, &[4], false)];
         assert_eq!(settle(&ends), [Some(BlindReason::SharedOpening), None]);
     }
 
     #[test]
     fn a_stub_beside_a_vessel_that_goes_on_stays_closed() {
-        let ends = [end(4, 0.0, 2.0, 5.0, &[7]), end(7, 1.0, 12.0, 3.0, &[])];
+        let ends = [end(4, 0.0, 2.0, 5.0, &[7], true), end(7, 1.0, 12.0, 3.0, &[], false)];
         assert_eq!(settle(&ends), [Some(BlindReason::SharedSection), None]);
     }
 
     #[test]
     fn ends_by_themselves_stay_open() {
-        assert_eq!(settle(&[end(0, 0.0, 2.0, 5.0, &[]), end(1, 9.0, 2.0, 6.0, &[])]), [None, None]);
+        assert_eq!(settle(&[end(0, 0.0, 2.0, 5.0, &[], false), end(1, 9.0, 2.0, 6.0, &[], false)]), [None, None]);
+    }
+
+    #[test]
+    fn a_twig_at_the_tip_of_a_vessel_closes_nothing() {
+        // Branch 5 is a bump: it is no end, and ends right behind the plane.
+        assert_eq!(settle(&[end(0, 0.0, 2.0, 5.0, &[5], false)]), [None]);
     }
 }
