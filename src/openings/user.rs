@@ -308,14 +308,15 @@ fn resolve(
 /// Cosine of the largest angle between a plane's normal and the vessel's axis, 75 degrees.
 const MOST_OBLIQUE: f64 = 0.259;
 
-/// A plane near a tip, moved inwards to the first place whose section is whole: not cut short by the tip, and inside the
-/// picture; where a vessel runs along the picture's side, inside it as far as the axis goes. The plane itself, and 0,
+/// A plane near a tip, moved inwards to the first place whose section is whole: not cut short by the tip, with a voxel of
+/// lumen beyond, and inside the picture; where a vessel runs along the picture's side, inside it as far as the axis goes. The plane itself, and 0,
 /// where there is none within a radius and a half.
 fn drawn_in(mask: &Mask, plane: &Plane, radius: f64, voxel: f64) -> (Plane, f64) {
     let at = |way: f64| Plane { origin: plane.origin - plane.normal * way, normal: plane.normal };
     let cut = |way: f64| section(mask, &at(way), 4.0 * radius + 2.0 * voxel);
     let step = 0.25 * voxel;
-    let mut second = None;
+    // The best of three: backed and inside, backed, whole.
+    let mut found: [Option<f64>; 3] = [None; 3];
     for k in 0..=(1.5 * radius / step).ceil() as usize {
         let way = k as f64 * step;
         let Some(s) = cut(way) else { continue };
@@ -323,13 +324,16 @@ fn drawn_in(mask: &Mask, plane: &Plane, radius: f64, voxel: f64) -> (Plane, f64)
         if short || s.clipped {
             continue;
         }
-        if s.points(&at(way)).all(|p| in_image(mask, &p)) {
-            return (at(way), way);
+        // A voxel of lumen should lie beyond: the wall rounds the edge of a flat end, and a plane on it cuts no loop.
+        let backed = cut(way - voxel).is_some_and(|d| d.area > 0.6 * s.area);
+        if backed && s.points(&at(way)).all(|p| in_image(mask, &p)) {
+            found[0] = Some(way);
+            break;
         }
         let leaves = Region::at(mask, &at(way).origin).is_some() && !disc_inside(mask, &at(way), s.reach.min(2.5 * radius));
         if !leaves {
-            second.get_or_insert(way);
+            found[if backed { 1 } else { 2 }].get_or_insert(way);
         }
     }
-    second.map_or((*plane, 0.0), |way| (at(way), way))
+    found.into_iter().flatten().next().map_or((*plane, 0.0), |way| (at(way), way))
 }

@@ -135,7 +135,7 @@ def line(r):
     return head + (
         f"| {r['faces']} | {r['tets']} | {r['prisms']} | {r['sv_max']:.3f} | {r['sv_mean']:.3f} | {r['inverted']} "
         f"| {r['dihedral'][0]:.1f}–{r['dihedral'][1]:.1f}° | {r['orthogonal_quality']:.3f} | {r['non_orthogonality']:.1f}° "
-        f"| {r['determinant']:.4f} | {inner} | {(r['checkmesh'] or 'not installed')[:80]} | {r['seconds']:.0f} | {r['program'][:4]} | {'; '.join(missed(r))} |"
+        f"| {r['determinant']:.4f} | {inner} | {(r['checkmesh'] or 'not run')[:80]} | {r['seconds']:.0f} | {r['program'][:4]} | {'; '.join(missed(r))} |"
     )
 
 
