@@ -9,30 +9,13 @@ Without masks: every built-in phantom, and the masks in ../shared/data where tha
 import argparse, json, subprocess, sys, time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import masks
+
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "target/release/lumenmesh"
 WORK = ROOT / "target/validation/cases"
 DATA = ROOT.parent / "shared/data"
-
-
-def built_in():
-    names = subprocess.run([PROGRAM, "phantom", "list"], capture_output=True, text=True, check=True).stdout.split()
-    for name in names:
-        folder = WORK / "masks" / name
-        if not (folder / "mask.nrrd").exists():
-            subprocess.run([PROGRAM, "phantom", name, "-o", folder], check=True, capture_output=True)
-        yield name, folder / "mask.nrrd", []
-
-
-def shared():
-    if not DATA.is_dir():
-        print(f"SKIPPED: {DATA} is not there; only the built-in phantoms are run", file=sys.stderr)
-        return
-    for path in sorted([*DATA.glob("phantoms/*.n*"), *DATA.glob("*.nrrd"), *DATA.glob("*.nii.gz"), *DATA.glob("*.mha")]):
-        if path.suffix in (".nrrd", ".gz", ".mha"):
-            yield path.name.split(".")[0], path, []
-            if "multilabel" in path.name:
-                yield path.name.split(".")[0] + ", label 1", path, ["--set", "input.label=1"]
 
 
 def row(name, mask, extra, sets):
@@ -66,7 +49,7 @@ def main():
     parser.add_argument("masks", nargs="*", type=Path)
     a = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
-    cases = [(m.name.split(".")[0], m, []) for m in a.masks] or [*built_in(), *shared()]
+    cases = [(m.name.split(".")[0], m, []) for m in a.masks] or [*masks.built_in(PROGRAM, WORK), *masks.shared(DATA)]
     cases = [c for c in cases if not a.only or a.only in c[0]]
     head = ["| case | lumen voxels | openings | faces | S max / mean | deviation median / max (voxel diagonals) | cells | S_V max / mean "
             "| non-orthogonality (°) | seconds | MiB | gates |", "|-|-|-|-|-|-|-|-|-|-|-|-|"]

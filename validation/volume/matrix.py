@@ -19,6 +19,8 @@ import sys
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import masks
 from foam import check_mesh
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,28 +31,6 @@ DATA = ROOT.parent / "shared/data"
 # A tree of hundreds of ends, a job of its own: named, it is run.
 LEFT_OUT = ("airway",)
 LIMIT = 1800
-
-
-def built_in():
-    for name in subprocess.run([PROGRAM, "phantom", "list"], capture_output=True, text=True, check=True).stdout.split():
-        folder = WORK / "masks" / name
-        if not (folder / "mask.nrrd").exists():
-            subprocess.run([PROGRAM, "phantom", name, "-o", folder], check=True, capture_output=True)
-        yield name, folder / "mask.nrrd", []
-
-
-def shared():
-    if not DATA.is_dir():
-        print(f"SKIPPED: {DATA} is not there; only the built-in phantoms are run", file=sys.stderr)
-        return
-    for path in sorted([*DATA.glob("phantoms/*.n*"), *DATA.glob("*.nrrd"), *DATA.glob("*.nii.gz"), *DATA.glob("*.mha")]):
-        name = path.name.split(".")[0]
-        if name.startswith(LEFT_OUT):
-            print(f"left out: {name}", file=sys.stderr)
-            continue
-        yield name, path, []
-        if "multilabel" in name:
-            yield name + ", label 1", path, ["--set", "input.label=1"]
 
 
 def run(name, mask, extra, scale, layers):
@@ -178,7 +158,7 @@ def main():
     if kept.exists():
         for r in map(json.loads, kept.read_text().splitlines()):
             rows[r["case"], r["scale"], r["layers"]] = r
-    cases = [(m.name.split(".")[0], m, []) for m in a.masks] or [*built_in(), *shared()]
+    cases = [(m.name.split(".")[0], m, []) for m in a.masks] or [*masks.built_in(PROGRAM, WORK), *masks.shared(DATA, LEFT_OUT)]
     for name, mask, extra in cases:
         if a.only and a.only not in name:
             continue
