@@ -14,6 +14,7 @@ use crate::mesh::intersect::pair_intersects;
 use crate::mesh::{TriMesh, WALL};
 use crate::remesh::Supports;
 use crate::remesh::shape::skewness;
+use crate::volume::search::DIRECTIONS;
 
 /// When an edge counts as a crease, and how far the wall may be changed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -147,7 +148,7 @@ impl Wish<'_> {
             let step = part * shortest;
             for d in DIRECTIONS {
                 let here = m.points[v as usize];
-                let wanted = here + Vector::from(d).normalize() * step;
+                let wanted = here + Vector::from(d) * step;
                 // Off the wall too, within what is allowed: on a sharp ridge it says nothing.
                 let off = Some(wanted).filter(|p| self.supports.distance(WALL, p) <= self.options.max_distance);
                 for p in [self.place(wanted, step), off].into_iter().flatten() {
@@ -164,23 +165,6 @@ impl Wish<'_> {
         moved
     }
 }
-
-const DIRECTIONS: [[f64; 3]; 14] = [
-    [1.0, 0.0, 0.0],
-    [-1.0, 0.0, 0.0],
-    [0.0, 1.0, 0.0],
-    [0.0, -1.0, 0.0],
-    [0.0, 0.0, 1.0],
-    [0.0, 0.0, -1.0],
-    [1.0, 1.0, 1.0],
-    [-1.0, -1.0, -1.0],
-    [1.0, 1.0, -1.0],
-    [-1.0, -1.0, 1.0],
-    [1.0, -1.0, 1.0],
-    [-1.0, 1.0, -1.0],
-    [-1.0, 1.0, 1.0],
-    [1.0, -1.0, -1.0],
-];
 
 /// Whether all triangles at `v` belong to the wall: rims and caps stay.
 fn free(m: &HalfEdgeMesh, v: u32) -> bool {

@@ -12,6 +12,7 @@ pub mod layers;
 pub mod optimise;
 pub mod packing;
 mod protocol;
+mod search;
 pub mod series;
 pub mod sizing;
 pub mod worker;

@@ -21,7 +21,8 @@ const SEED: f64 = 0.9;
 /// four figures together give the lowest mean skewness for the number of cells (tubes and aneurysms at three sizes).
 const LATTICE: f64 = 0.984 * 6.0 / (2.0 + 4.0 * 0.866_025_403_784_438_6);
 
-/// Points found so far, by level of size (powers of two) and cell.
+/// Points found so far, all of them in a grid for each level of distance (powers of two): a question looks at a few
+/// cells of one grid, however fine the finest is.
 struct Levels {
     base: f64,
     origin: Point,
@@ -91,32 +92,35 @@ impl Table {
 }
 
 impl Levels {
-    fn cell(&self, p: &Point, edge: f64) -> [i64; 3] {
-        [0, 1, 2].map(|i| ((p[i] - self.origin[i]) / edge).floor() as i64)
-    }
-
-    fn insert(&mut self, p: &Point, size: f64, id: u32) {
-        let level = (size / self.base).log2().floor().max(0.0) as usize;
-        while self.cells.len() <= level {
-            self.cells.push(Table::new(self.base * (1u64 << self.cells.len()) as f64 * 1.6));
+    fn insert(&mut self, p: &Point, id: u32) {
+        for table in &mut self.cells {
+            let c = cell(&self.origin, p, table.edge);
+            table.insert(c, id);
         }
-        let c = self.cell(p, self.cells[level].edge);
-        self.cells[level].insert(c, id);
     }
 
     /// Whether any point lies nearer to `p` than `r`.
-    fn near(&self, p: &Point, r: f64, points: &[Point]) -> bool {
-        self.cells.iter().any(|t| {
-            let v = Vector::repeat(r);
-            let (a, b) = (self.cell(&(p - v), t.edge), self.cell(&(p + v), t.edge));
-            (a[0]..=b[0]).any(|i| {
-                (a[1]..=b[1]).any(|j| {
-                    (a[2]..=b[2])
-                        .any(|k| t.each([i, j, k], |id| (points[id as usize] - p).norm_squared() < r * r))
-                })
+    fn near(&mut self, p: &Point, r: f64, points: &[Point]) -> bool {
+        // Cells of at least 0.8 r: two or three in each direction.
+        let level = (r / self.base).log2().floor().max(0.0) as usize;
+        while self.cells.len() <= level {
+            let mut table = Table::new(self.base * (1u64 << self.cells.len()) as f64 * 1.6);
+            points.iter().enumerate().for_each(|(id, p)| table.insert(cell(&self.origin, p, table.edge), id as u32));
+            self.cells.push(table);
+        }
+        let t = &self.cells[level];
+        let v = Vector::repeat(r);
+        let (a, b) = (cell(&self.origin, &(p - v), t.edge), cell(&self.origin, &(p + v), t.edge));
+        (a[0]..=b[0]).any(|i| {
+            (a[1]..=b[1]).any(|j| {
+                (a[2]..=b[2]).any(|k| t.each([i, j, k], |id| (points[id as usize] - p).norm_squared() < r * r))
             })
         })
     }
+}
+
+fn cell(origin: &Point, p: &Point, edge: f64) -> [i64; 3] {
+    [0, 1, 2].map(|i| ((p[i] - origin[i]) / edge).floor() as i64)
 }
 
 /// For each edge between two patches: a point just inside its middle and one well inside, and the edge's length.
@@ -184,7 +188,7 @@ pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> 
     for (p, h) in rim_points(surface) {
         let start = p.0;
         if sizing.bvh().ray(&start, &(p.1 - start), 1.0).is_none() && !levels.near(&p.1, 0.6 * h, &points) {
-            levels.insert(&p.1, h, points.len() as u32);
+            levels.insert(&p.1, points.len() as u32);
             points.push(p.1);
             queue.push_back((p.1, h, 0.4 * h));
         }
@@ -198,7 +202,7 @@ pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> 
         if here.distance < WALL * here.size || levels.near(&p, APART * here.size, &points) {
             return;
         }
-        levels.insert(&p, here.size, points.len() as u32);
+        levels.insert(&p, points.len() as u32);
         points.push(p);
         queue.push_back((p, here.size, here.distance));
     };

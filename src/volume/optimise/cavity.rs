@@ -1,15 +1,16 @@
-//! Exchanges that fill a cavity with a cone: contraction of an edge, insertion of a vertex.
+//! Exchanges that fill a cavity with a cone: contraction of an edge, insertion of a vertex. Each is proposed, not made.
 
-use super::complex::{Complex, faces, sorted};
-use super::quality::{shape, volume6};
+use super::complex::{Complex, Exchange, faces, sorted};
+use super::quality::{held_down, quality_of, shape, volume6};
 use crate::geometry::{Point, Vector};
+use crate::volume::search::DIRECTIONS;
 
 /// Contracts an edge of `t` onto its other end where its free end `v` disappears and the worst score rises.
-pub(super) fn contract(c: &mut Complex, t: u32) -> bool {
+pub(super) fn contract(c: &Complex, t: u32) -> Option<Exchange> {
     let corners = c.tets[t as usize];
     for v in corners.into_iter().filter(|&v| !c.frozen[v as usize]) {
-        let star = c.stars[v as usize].clone();
-        let old = c.worst(&star);
+        let star = &c.stars[v as usize];
+        let old = c.worst(star);
         for w in corners.into_iter().filter(|&w| w != v) {
             let new: Vec<[u32; 4]> = star
                 .iter()
@@ -20,18 +21,18 @@ pub(super) fn contract(c: &mut Complex, t: u32) -> bool {
             if new.is_empty() || new.iter().any(|&n| shape(&c.corners(n)) <= old.max(0.0)) {
                 continue;
             }
-            if fills(c, &star, &new) && new.iter().all(|&n| c.score(n) > old) {
-                c.replace(&star, &new);
-                return true;
+            let volume = new.iter().map(|&n| volume6(&c.corners(n))).sum();
+            if fills(c, star, volume) && new.iter().all(|&n| c.score(n) > old) {
+                return Some(Exchange { old: star.clone(), new, apex: None });
             }
         }
     }
-    false
+    None
 }
 
 /// Inserts a vertex into the tetrahedra round an edge of `t`, or into `t` and its neighbours, and moves it to
-/// where the worst score is best; kept where that is better than before, and than `floor`.
-pub(super) fn insert(c: &mut Complex, t: u32, floor: f64) -> bool {
+/// where the worst score is best; proposed where that is better than before, and than `floor`.
+pub(super) fn insert(c: &Complex, t: u32, floor: f64) -> Option<Exchange> {
     let corners = c.tets[t as usize];
     let mut cavities: Vec<Vec<u32>> = vec![];
     for i in 0..4 {
@@ -102,15 +103,10 @@ pub(super) fn insert(c: &mut Complex, t: u32, floor: f64) -> bool {
             best = Some((q, p, cavity, shell));
         }
     }
-    let Some((_, p, cavity, shell)) = best else { return false };
-    let v = c.add_point(p);
-    let new: Vec<[u32; 4]> = shell.iter().map(|&[x, y, z]| [x, z, y, v]).collect();
-    if !fills(c, &cavity, &new) {
-        // The vertex stays unused and is dropped at the end.
-        return false;
-    }
-    c.replace(&cavity, &new);
-    true
+    let (_, p, cavity, shell) = best?;
+    let volume = shell.iter().map(|&[x, y, z]| -volume6(&[p, c.points[x as usize], c.points[z as usize], c.points[y as usize]])).sum();
+    let new = shell.iter().map(|&[x, y, z]| [x, z, y, Exchange::APEX]).collect();
+    fills(c, &cavity, volume).then_some(Exchange { old: cavity, new, apex: Some(p) })
 }
 
 /// Where a vertex sees both surface faces of a tetrahedron best: from the middle of their edge along the bisector.
@@ -133,11 +129,10 @@ fn shell(c: &Complex, cavity: &[u32]) -> Vec<[u32; 3]> {
     all.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() == 1).map(|g| g[0].1).collect()
 }
 
-/// Whether new tetrahedra fill the space of the old ones.
-fn fills(c: &Complex, old: &[u32], new: &[[u32; 4]]) -> bool {
+/// Whether tetrahedra of the given volume (six times it) fill the space of the old ones.
+fn fills(c: &Complex, old: &[u32], volume: f64) -> bool {
     let before: f64 = old.iter().map(|&t| volume6(&c.corners(c.tets[t as usize]))).sum();
-    let after: f64 = new.iter().map(|&t| volume6(&c.corners(t))).sum();
-    (before - after).abs() <= 1e-9 * before
+    (before - volume).abs() <= 1e-9 * before
 }
 
 /// The place for the apex of a cone over `shell` with the best worst shape, found from `start` by steps in
@@ -148,15 +143,66 @@ fn best_apex(c: &Complex, shell: &[[u32; 3]], start: Point) -> (Point, f64) {
         .iter()
         .flat_map(|[a, b, d]| [(a - b).norm(), (b - d).norm(), (d - a).norm()])
         .fold(f64::INFINITY, f64::min);
-    let mut cone = Cone { bases: corners.iter().map(|[x, y, z]| [*x, *z, *y]).collect() };
+    let mut cone = Cone { bases: corners.iter().map(|[x, y, z]| Base::new([*x, *z, *y])).collect() };
     let value = cone.worst(&start, f64::NEG_INFINITY);
     cone.climb(start, value, shortest)
 }
 
+/// A triangle under an apex, with what the shape needs of it.
+pub(super) struct Base {
+    corners: [Point; 3],
+    /// Normal, twice as long as the triangle is large.
+    normal: Vector,
+    /// a |b|² − b |a|² with a, b the edges at the first corner.
+    turn: Vector,
+}
+
+impl Base {
+    /// The triangle `corners`, positive with an apex inside.
+    #[inline]
+    pub fn new(corners: [Point; 3]) -> Base {
+        let (a, b) = (corners[1] - corners[0], corners[2] - corners[0]);
+        Base { corners, normal: a.cross(&b), turn: a * b.norm_squared() - b * a.norm_squared() }
+    }
+
+    /// Six times the volume with the apex at `p`, and 2 (centre − first corner) times that.
+    #[inline]
+    pub fn circumcentre6(&self, p: &Point) -> (f64, Vector) {
+        let d = p - self.corners[0];
+        (self.normal.dot(&d), self.normal * d.norm_squared() + d.cross(&self.turn))
+    }
+
+    /// The shape with the apex at `p`; where that is not above `floor`, some number that is not.
+    #[inline]
+    pub fn shape(&self, p: &Point, floor: f64) -> f64 {
+        let (six, v) = self.circumcentre6(p);
+        self.shape_of(p, six, &v, floor)
+    }
+
+    /// As [`Base::shape`], where [`Base::circumcentre6`] is known.
+    #[inline]
+    pub fn shape_of(&self, p: &Point, six: f64, v: &Vector, floor: f64) -> f64 {
+        let [x, y, z] = self.corners;
+        let q = quality_of(six, v.norm_squared());
+        // The angles are the dearer part.
+        if q <= floor { q } else { held_down(q, &[x, y, z, *p]) }
+    }
+
+    /// Sum of the corners.
+    #[inline]
+    pub fn sum(&self) -> Vector {
+        self.corners[0].coords + self.corners[1].coords + self.corners[2].coords
+    }
+
+    /// The corners of the triangle.
+    pub fn corners(&self) -> &[Point; 3] {
+        &self.corners
+    }
+}
+
 /// Tetrahedra with a common apex that is looked for.
 pub(super) struct Cone {
-    /// Triangles; each is positive with an apex inside.
-    pub bases: Vec<[Point; 3]>,
+    pub bases: Vec<Base>,
 }
 
 impl Cone {
@@ -164,11 +210,10 @@ impl Cone {
     pub fn worst(&mut self, p: &Point, floor: f64) -> f64 {
         let mut w = f64::INFINITY;
         for i in 0..self.bases.len() {
-            let [x, y, z] = self.bases[i];
-            w = w.min(shape(&[x, y, z, *p]));
+            w = w.min(self.bases[i].shape(p, floor));
             if w <= floor {
                 // What refuses one place refuses the next ones too, most likely: it is asked first from now on.
-                self.bases[..=i].rotate_right(1);
+                self.bases.swap(0, i);
                 break;
             }
         }
@@ -182,7 +227,7 @@ impl Cone {
             for _ in 0..4 {
                 let mut moved = false;
                 for d in DIRECTIONS {
-                    let x = p + Vector::new(d[0], d[1], d[2]) * (radius * length);
+                    let x = p + Vector::from(d) * (radius * length);
                     let w = self.worst(&x, q);
                     if w > q {
                         (p, q, moved) = (x, w, true);
@@ -196,21 +241,3 @@ impl Cone {
         (p, q)
     }
 }
-
-const D: f64 = 0.577_350_269_189_625_8;
-const DIRECTIONS: [[f64; 3]; 14] = [
-    [1.0, 0.0, 0.0],
-    [-1.0, 0.0, 0.0],
-    [0.0, 1.0, 0.0],
-    [0.0, -1.0, 0.0],
-    [0.0, 0.0, 1.0],
-    [0.0, 0.0, -1.0],
-    [D, D, D],
-    [-D, -D, -D],
-    [D, D, -D],
-    [-D, -D, D],
-    [D, -D, D],
-    [-D, D, -D],
-    [-D, D, D],
-    [D, -D, -D],
-];

@@ -13,6 +13,19 @@ const TWO_FACES: f64 = 0.2;
 /// and as this part of its shape when it is to go at any price.
 const TWO_FACES_STRICT: f64 = 1e-3;
 
+/// Tetrahedra that are to take the place of others.
+pub(super) struct Exchange {
+    pub old: Vec<u32>,
+    /// Corners; [`Exchange::APEX`] stands for a vertex that is new.
+    pub new: Vec<[u32; 4]>,
+    /// The new vertex.
+    pub apex: Option<Point>,
+}
+
+impl Exchange {
+    pub const APEX: u32 = DEAD;
+}
+
 #[derive(Clone)]
 pub(super) struct Complex {
     pub points: Vec<Point>,
@@ -77,10 +90,12 @@ impl Complex {
             self.tets.par_iter().map(|&t| if t[0] == DEAD { f64::INFINITY } else { self.score(t) }).collect();
     }
 
+    #[inline]
     pub fn alive(&self, t: u32) -> bool {
         self.tets[t as usize][0] != DEAD
     }
 
+    #[inline]
     pub fn corners(&self, t: [u32; 4]) -> [Point; 4] {
         t.map(|v| self.points[v as usize])
     }
@@ -102,6 +117,7 @@ impl Complex {
     }
 
     /// Shape, held down for cells with two faces on the surface.
+    #[inline]
     pub fn score(&self, t: [u32; 4]) -> f64 {
         let q = shape(&self.corners(t));
         if q > 0.0 && self.is_wedge(t) {
@@ -111,6 +127,7 @@ impl Complex {
     }
 
     /// Whether `t` has two or more faces on the surface.
+    #[inline]
     pub fn is_wedge(&self, t: [u32; 4]) -> bool {
         t.iter().all(|&v| self.frozen[v as usize]) && self.surface_faces(t) > 1
     }
@@ -175,6 +192,21 @@ impl Complex {
         self.tets[t as usize].map(|v| self.touched[v as usize]).into_iter().fold(0, u32::max)
     }
 
+    /// Whether nothing has changed at `vertices` since [`Complex::now`] was `then`.
+    pub fn is_as_at(&self, then: u32, vertices: &[u32]) -> bool {
+        vertices.iter().all(|&v| self.touched[v as usize] <= then)
+    }
+
+    /// Makes an exchange.
+    pub fn make(&mut self, exchange: Exchange) {
+        let Exchange { old, mut new, apex } = exchange;
+        if let Some(p) = apex {
+            let v = self.add_point(p);
+            new.iter_mut().flatten().filter(|w| **w == Exchange::APEX).for_each(|w| *w = v);
+        }
+        self.replace(&old, &new);
+    }
+
     /// Exchanges tetrahedra.
     pub fn replace(&mut self, old: &[u32], new: &[[u32; 4]]) {
         self.changes += 1;
@@ -232,6 +264,7 @@ impl Complex {
     }
 
     /// Least score of some tetrahedra.
+    #[inline]
     pub fn worst(&self, tets: &[u32]) -> f64 {
         tets.iter().map(|&t| self.scores[t as usize]).fold(f64::INFINITY, f64::min)
     }

@@ -15,8 +15,9 @@ mod smooth;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::geometry::Point;
 use crate::mesh::VolumeMesh;
-use complex::Complex;
+use complex::{Complex, Exchange};
 
 /// How far the optimiser goes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -109,12 +110,12 @@ pub(super) fn optimise_until(mesh: &mut VolumeMesh, options: &OptimiseOptions, s
     // Flips first: smoothing is held up by flat tetrahedra.
     exchange(&mut c, &mut Effort::new(work, None, false), &mut s);
     for half in 0..2 {
-        let colours = smooth::colours(&c);
+        let mut sweeps = smooth::Sweeps::new(&c);
         for _ in 0..options.smoothing_rounds.div_ceil(1 + half) {
             if stop() {
                 break;
             }
-            s.smoothed += smooth::sweep(&mut c, &colours);
+            s.smoothed += sweeps.round(&mut c);
         }
         c.rescore();
         let mut effort = Effort::new(work, (half > 0).then_some(insert), true);
@@ -179,8 +180,60 @@ impl Effort {
     }
 }
 
+/// What can be done about a tetrahedron.
+enum Plan {
+    EdgeRemoval(Exchange),
+    FaceFlip(Exchange),
+    Relaxation(u32, Point),
+    Contraction(Exchange),
+    Insertion(Exchange),
+}
+
+impl Plan {
+    /// Whether it can be made as it was planned when [`Complex::now`] was `then`.
+    fn holds(&self, c: &Complex, then: u32) -> bool {
+        match self {
+            Plan::Relaxation(v, _) => c.is_as_at(then, &[*v]),
+            Plan::EdgeRemoval(x) | Plan::FaceFlip(x) | Plan::Contraction(x) | Plan::Insertion(x) => {
+                x.old.iter().all(|&t| c.is_as_at(then, &c.tets[t as usize]))
+            }
+        }
+    }
+
+    fn make(self, c: &mut Complex, s: &mut OptimiseSummary) {
+        match self {
+            Plan::EdgeRemoval(x) => {
+                s.edges_removed += 1;
+                c.make(x);
+            }
+            Plan::FaceFlip(x) => {
+                s.faces_flipped += 1;
+                c.make(x);
+            }
+            Plan::Relaxation(v, p) => {
+                s.relaxed += 1;
+                c.set_point(v, p);
+            }
+            Plan::Contraction(x) => {
+                s.contracted += 1;
+                c.make(x);
+            }
+            Plan::Insertion(x) => {
+                s.inserted += 1;
+                c.make(x);
+            }
+        }
+    }
+}
+
+/// Tetrahedra planned for at the same time. The number decides which plans come too late: it is the same on every
+/// machine.
+const TOGETHER: usize = 512;
+
 /// One pass over the tetrahedra with a score under the effort's goal, worst first, without those round which nothing
 /// has changed since they were tried. Gives the number of exchanges.
+///
+/// Plans are made in parallel, carried out one after the other; a plan whose place has changed meanwhile is made anew.
 fn exchange(c: &mut Complex, effort: &mut Effort, s: &mut OptimiseSummary) -> usize {
     effort.tried.resize(effort.tried.len().max(c.tets.len()), 0);
     let again = |t: u32| effort.tried[t as usize] == 0 || c.last_change(t) >= effort.tried[t as usize];
@@ -192,15 +245,27 @@ fn exchange(c: &mut Complex, effort: &mut Effort, s: &mut OptimiseSummary) -> us
         .collect();
     bad.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut done = 0;
-    for (score, t) in bad {
+    for some in bad.chunks(TOGETHER) {
+        let then = c.now();
         // Gone or better since: the next pass sees what is left.
-        if !c.alive(t) || c.scores[t as usize] != score {
-            continue;
-        }
-        if improve(c, t, effort, s) {
-            done += 1;
-        } else {
-            effort.tried[t as usize] = c.now() + 1;
+        let due = |c: &Complex, (score, t): (f64, u32)| c.alive(t) && c.scores[t as usize] == score;
+        let plans: Vec<Option<Plan>> =
+            some.par_iter().with_min_len(8).map(|&b| if due(c, b) { plan(c, b.1, effort) } else { None }).collect();
+        for (&b, mut planned) in some.iter().zip(plans) {
+            if !due(c, b) {
+                continue;
+            }
+            let t = b.1;
+            if !c.is_as_at(then, &c.tets[t as usize]) || planned.as_ref().is_some_and(|p| !p.holds(c, then)) {
+                planned = plan(c, t, effort);
+            }
+            match planned {
+                Some(p) => {
+                    p.make(c, s);
+                    done += 1;
+                }
+                None => effort.tried[t as usize] = c.now() + 1,
+            }
         }
     }
     done
@@ -215,10 +280,8 @@ fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> usize {
             if !c.alive(t) || !c.is_wedge(c.tets[t as usize]) {
                 break;
             }
-            if flip(c, t, floor, s) {
-                done += 1;
-            } else if cavity::insert(c, t, floor) {
-                s.inserted += 1;
+            if let Some(p) = flip(c, t, floor).or_else(|| cavity::insert(c, t, floor).map(Plan::Insertion)) {
+                p.make(c, s);
                 done += 1;
             }
         }
@@ -227,52 +290,27 @@ fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> usize {
 }
 
 /// Edge removal and 2-3 flips with a worst score above `floor`; the first success counts.
-fn flip(c: &mut Complex, t: u32, floor: f64, s: &mut OptimiseSummary) -> bool {
+fn flip(c: &Complex, t: u32, floor: f64) -> Option<Plan> {
     let corners = c.tets[t as usize];
-    for i in 0..4 {
-        for j in 0..i {
-            if flips::remove_edge(c, corners[i], corners[j], floor) {
-                s.edges_removed += 1;
-                return true;
-            }
-        }
-    }
-    for face in 0..4 {
-        if flips::flip_23(c, t, face, floor) {
-            s.faces_flipped += 1;
-            return true;
-        }
-    }
-    false
+    let mut pairs = (0..4).flat_map(|i| (0..i).map(move |j| (corners[i], corners[j])));
+    pairs
+        .find_map(|(a, b)| flips::remove_edge(c, a, b, floor).map(Plan::EdgeRemoval))
+        .or_else(|| (0..4).find_map(|face| flips::flip_23(c, t, face, floor).map(Plan::FaceFlip)))
 }
 
-/// Tries everything on one tetrahedron; the first success counts.
-fn improve(c: &mut Complex, t: u32, effort: &Effort, s: &mut OptimiseSummary) -> bool {
-    let corners = c.tets[t as usize];
+/// What can be done about one tetrahedron; the first success counts.
+fn plan(c: &Complex, t: u32, effort: &Effort) -> Option<Plan> {
     let score = c.scores[t as usize];
-    if flip(c, t, 0.0, s) {
-        return true;
-    }
-    if effort.thorough {
-        for v in corners {
-            // Only a vertex whose star has this tetrahedron as its worst can help it.
-            if !c.frozen[v as usize] && c.worst(&c.stars[v as usize]) >= score && smooth::relax(c, v) {
-                s.relaxed += 1;
-                if !c.alive(t) || c.scores[t as usize] != score {
-                    return true;
-                }
-            }
-        }
-        if cavity::contract(c, t) {
-            s.contracted += 1;
-            return true;
-        }
-    }
-    if effort.insert.is_some_and(|q| score < q) && cavity::insert(c, t, 0.0) {
-        s.inserted += 1;
-        return true;
-    }
-    false
+    let thorough = || {
+        // Only a vertex whose star has this tetrahedron as its worst can help it.
+        let mut corners = c.tets[t as usize].into_iter().filter(|&v| !c.frozen[v as usize] && c.worst(&c.stars[v as usize]) >= score);
+        corners
+            .find_map(|v| smooth::relax(c, v).map(|p| Plan::Relaxation(v, p)))
+            .or_else(|| cavity::contract(c, t).map(Plan::Contraction))
+    };
+    flip(c, t, 0.0)
+        .or_else(|| if effort.thorough { thorough() } else { None })
+        .or_else(|| if effort.insert.is_some_and(|q| score < q) { cavity::insert(c, t, 0.0).map(Plan::Insertion) } else { None })
 }
 
 fn measure(c: &Complex) -> TetQuality {

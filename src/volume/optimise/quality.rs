@@ -6,13 +6,18 @@ use crate::geometry::{Point, Vector};
 const REGULAR: f64 = 0.513_200_239_279_667_3;
 
 /// 1 − equi-volume skewness of a positive tetrahedron: 1 for the regular one, 0 or less for a flat or inverted one.
+#[inline]
 pub fn quality(p: &[Point; 4]) -> f64 {
     let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
     let bc = b.cross(&c);
-    let six = a.dot(&bc);
     let v: Vector = bc * a.norm_squared() + c.cross(&a) * b.norm_squared() + a.cross(&b) * c.norm_squared();
-    // R = |v| / (2 · 6V), so V / (REGULAR R³) = (6V)⁴ · 8 / (6 REGULAR |v|³).
-    let n2 = v.norm_squared();
+    quality_of(a.dot(&bc), v.norm_squared())
+}
+
+/// [`quality`] from six times the volume V and the square of |v| = 2 R · 6V.
+#[inline]
+pub(super) fn quality_of(six: f64, n2: f64) -> f64 {
+    // V / (REGULAR R³) = (6V)⁴ · 8 / (6 REGULAR |v|³).
     if n2 <= 0.0 {
         return 0.0;
     }
@@ -28,8 +33,21 @@ pub fn quality(p: &[Point; 4]) -> f64 {
 pub const AIM: f64 = 0.2;
 
 /// [`quality`], held down where a dihedral angle is sharp or flat: 0.2 at 15° and at 155°, the limits aimed at.
+#[inline]
 pub fn shape(p: &[Point; 4]) -> f64 {
+    held_down(quality(p), p)
+}
+
+/// As [`shape`]; where that is not above `floor`, some number that is not.
+#[inline]
+pub(super) fn shape_above(p: &[Point; 4], floor: f64) -> f64 {
     let q = quality(p);
+    if q <= floor { q } else { held_down(q, p) }
+}
+
+/// The shape of a tetrahedron with the quality `q`.
+#[inline]
+pub(super) fn held_down(q: f64, p: &[Point; 4]) -> f64 {
     // A better tetrahedron has no such angle.
     if q <= 0.0 || q >= 0.5 { q } else { q.min(angles(p)) }
 }
@@ -38,20 +56,23 @@ pub fn shape(p: &[Point; 4]) -> f64 {
 fn angles(p: &[Point; 4]) -> f64 {
     const ACUTE: f64 = 0.2 / 0.258_819_045_102_520_74;
     const OBTUSE: f64 = 0.2 / 0.422_618_261_740_699_4;
-    let n = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]].map(|[a, b, c]: [usize; 3]| (p[b] - p[a]).cross(&(p[c] - p[a])));
-    let l = n.map(|v| v.norm_squared());
+    let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
+    let (x, y, z) = (b.cross(&c), c.cross(&a), a.cross(&b));
+    let n = [x, y, z, -(x + y + z)];
+    let r = n.map(|v| 1.0 / v.norm_squared());
     let mut least = 1.0f64;
     for i in 0..4 {
         for j in 0..i {
             let d = n[i].dot(&n[j]);
-            let sine = (1.0 - d * d / (l[i] * l[j])).max(0.0).sqrt();
-            least = least.min(sine * if d < 0.0 { ACUTE } else { OBTUSE });
+            let sine2 = (1.0 - d * d * (r[i] * r[j])).max(0.0);
+            least = least.min(sine2 * if d < 0.0 { ACUTE * ACUTE } else { OBTUSE * OBTUSE });
         }
     }
-    least
+    least.sqrt()
 }
 
 /// Six times the volume.
+#[inline]
 pub fn volume6(p: &[Point; 4]) -> f64 {
     (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0]))
 }
@@ -60,15 +81,15 @@ pub fn volume6(p: &[Point; 4]) -> f64 {
 pub fn dihedral_range(p: &[Point; 4]) -> (f64, f64) {
     let n = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
         .map(|[a, b, c]: [usize; 3]| (p[b] - p[a]).cross(&(p[c] - p[a])).normalize());
-    let (mut lo, mut hi) = (180.0f64, 0.0f64);
+    let (mut lo, mut hi) = (1.0f64, -1.0f64);
     for i in 0..4 {
         for j in 0..i {
-            let d = (-n[i].dot(&n[j])).clamp(-1.0, 1.0).acos().to_degrees();
-            lo = lo.min(d);
-            hi = hi.max(d);
+            let cosine = -n[i].dot(&n[j]);
+            lo = lo.min(cosine);
+            hi = hi.max(cosine);
         }
     }
-    (lo, hi)
+    (hi.min(1.0).acos().to_degrees(), lo.max(-1.0).acos().to_degrees())
 }
 
 #[cfg(test)]

@@ -136,8 +136,9 @@ fn improve(c: &mut Complex, goal: f64) {
             break;
         }
         if round == 1 {
+            let mut bases = vec![];
             for v in 0..c.points.len() as u32 {
-                smooth::improve_mean(c, v);
+                smooth::improve_mean(c, v, &mut bases);
             }
         }
     }

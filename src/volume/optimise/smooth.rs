@@ -2,35 +2,53 @@
 
 use rayon::prelude::*;
 
-use super::cavity::Cone;
-use super::complex::{Complex, faces};
-use super::quality::{shape, volume6};
+use super::cavity::{Base, Cone};
+use super::complex::Complex;
 use crate::geometry::{Point, Vector};
 
 /// Below this a star's worst quality may not fall for the sake of its mean.
 const FLOOR: f64 = 0.45;
 
-/// One round over all free vertices: each goes towards the volume-weighted mean of the circumcentres (ODT, Chen 2004)
+/// Rounds over all free vertices: each goes towards the volume-weighted mean of the circumcentres (ODT, Chen 2004)
 /// or of the barycentres of its star, where the star's mean quality rises and its worst does not suffer.
-/// Vertices of one colour share no tetrahedron and move at the same time. Gives the number of moves.
-pub(super) fn sweep(c: &mut Complex, colours: &[Vec<u32>]) -> usize {
-    let mut moves = 0;
-    for class in colours {
-        let moved: Vec<(u32, Point)> = class
-            .par_iter()
-            .with_min_len(256)
-            .filter_map(|&v| better_place(c, v).map(|p| (v, p)))
-            .collect();
-        moves += moved.len();
-        for (v, p) in moved {
-            c.points[v as usize] = p;
-        }
+pub(super) struct Sweeps {
+    /// Vertices of one colour share no tetrahedron and move at the same time.
+    colours: Vec<Vec<u32>>,
+    /// Whether a vertex is to be tried: not where it stayed and nothing in its star has moved since.
+    open: Vec<bool>,
+}
+
+impl Sweeps {
+    pub fn new(c: &Complex) -> Sweeps {
+        Sweeps { colours: colours(c), open: vec![true; c.points.len()] }
     }
-    moves
+
+    /// One round; gives the number of moves. Scores are not renewed.
+    pub fn round(&mut self, c: &mut Complex) -> usize {
+        let mut moves = 0;
+        for class in &self.colours {
+            let open = &self.open;
+            let places: Vec<Option<Point>> = class
+                .par_iter()
+                .with_min_len(256)
+                .map_init(Vec::new, |bases, &v| if open[v as usize] { better_place(c, v, bases) } else { None })
+                .collect();
+            for (&v, place) in class.iter().zip(places) {
+                self.open[v as usize] = place.is_some();
+                let Some(p) = place else { continue };
+                c.points[v as usize] = p;
+                moves += 1;
+                for &t in &c.stars[v as usize] {
+                    c.tets[t as usize].iter().for_each(|&w| self.open[w as usize] = true);
+                }
+            }
+        }
+        moves
+    }
 }
 
 /// Free vertices in classes without common tetrahedra, greedily in order of their ids.
-pub(super) fn colours(c: &Complex) -> Vec<Vec<u32>> {
+fn colours(c: &Complex) -> Vec<Vec<u32>> {
     let mut colour = vec![u8::MAX; c.points.len()];
     let mut classes: Vec<Vec<u32>> = vec![];
     for v in 0..c.points.len() {
@@ -59,48 +77,65 @@ pub(super) fn colours(c: &Complex) -> Vec<Vec<u32>> {
     classes
 }
 
-/// Moves one free vertex as [`sweep`] does.
-pub(super) fn improve_mean(c: &mut Complex, v: u32) {
+/// Moves one free vertex as [`Sweeps`] do.
+pub(super) fn improve_mean(c: &mut Complex, v: u32, bases: &mut Vec<Base>) {
     if !c.frozen[v as usize]
         && !c.stars[v as usize].is_empty()
-        && let Some(p) = better_place(c, v)
+        && let Some(p) = better_place(c, v, bases)
     {
         c.set_point(v, p);
     }
 }
 
-fn better_place(c: &Complex, v: u32) -> Option<Point> {
-    let star = &c.stars[v as usize];
+/// The triangles across from `v` in its star, each positive with `v`.
+fn bases(c: &Complex, v: u32, into: &mut Vec<Base>) {
+    into.clear();
+    into.extend(c.stars[v as usize].iter().map(|&t| {
+        let [w, x, y, z] = c.tets[t as usize];
+        // Face i of a tetrahedron turned inwards.
+        let base = match v {
+            _ if v == w => [x, z, y],
+            _ if v == x => [w, y, z],
+            _ if v == y => [w, z, x],
+            _ => [w, x, y],
+        };
+        Base::new(base.map(|u| c.points[u as usize]))
+    }));
+}
+
+fn better_place(c: &Complex, v: u32, bases: &mut Vec<Base>) -> Option<Point> {
+    self::bases(c, v, bases);
     let here = c.points[v as usize];
     let (mut odt, mut cpt, mut volume) = (Vector::zeros(), Vector::zeros(), 0.0);
     let (mut sum, mut worst) = (0.0, f64::INFINITY);
-    for &t in star {
-        let p = c.corners(c.tets[t as usize]);
-        let six = volume6(&p);
-        let q = shape(&p);
+    for base in bases.iter() {
+        let (six, twice) = base.circumcentre6(&here);
+        let q = base.shape_of(&here, six, &twice, 0.0);
         sum += q;
         worst = worst.min(q);
-        let centre = (p[0].coords + p[1].coords + p[2].coords + p[3].coords) / 4.0;
+        let centre = (base.sum() + here.coords) / 4.0;
         cpt += centre * six;
         // A flat tetrahedron's circumcentre lies anywhere: its barycentre stands in.
-        odt += circumcentre(&p, six).filter(|_| q > 0.05).unwrap_or(centre) * six;
+        odt += if q > 0.05 { base.corners()[0].coords * six + twice / 2.0 } else { centre * six };
         volume += six;
     }
     if volume <= 0.0 {
         return None;
     }
     let floor = worst.min(FLOOR);
-    let mut top = sum + 1e-4 * star.len() as f64;
+    // What is below the floor need not be known any better.
+    let least = floor * (1.0 - 1e-12);
+    let n = bases.len() as f64;
+    let mut top = sum + 1e-4 * n;
     let mut best = None;
     // Half a step where a whole one is not better.
     for step in [1.0, 0.5] {
         for target in [odt / volume, cpt / volume] {
             let p = here + (Point::from(target) - here) * step;
-            let mut left = star.len() as f64;
+            let mut left = n;
             let mut s = 0.0;
-            for &t in star {
-                let x = c.tets[t as usize].map(|w| if w == v { p } else { c.points[w as usize] });
-                let q = shape(&x);
+            for base in bases.iter() {
+                let q = base.shape(&p, least);
                 s += q;
                 left -= 1.0;
                 if q < floor || q <= 0.0 || s + left <= top {
@@ -120,16 +155,10 @@ fn better_place(c: &Complex, v: u32) -> Option<Point> {
     best
 }
 
-fn circumcentre(p: &[Point; 4], six: f64) -> Option<Vector> {
-    let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
-    let v = b.cross(&c) * a.norm_squared() + c.cross(&a) * b.norm_squared() + a.cross(&b) * c.norm_squared();
-    (six > 0.0).then(|| p[0].coords + v / (2.0 * six))
-}
-
-/// Moves one free vertex to where the worst score of its star is better, if there is such a place.
-pub(super) fn relax(c: &mut Complex, v: u32) -> bool {
+/// Where the worst score of a free vertex's star is better, if there is such a place.
+pub(super) fn relax(c: &Complex, v: u32) -> Option<Point> {
     if c.frozen[v as usize] {
-        return false;
+        return None;
     }
     let star = &c.stars[v as usize];
     let old = c.worst(star);
@@ -137,16 +166,10 @@ pub(super) fn relax(c: &mut Complex, v: u32) -> bool {
     let mut shortest = f64::INFINITY;
     let mut centre = Vector::zeros();
     let mut cone = Cone { bases: Vec::with_capacity(star.len()) };
-    for &t in star {
-        let t = c.tets[t as usize];
-        let Some(i) = t.iter().position(|&w| w == v) else { continue };
-        // Across from v, seen so that v makes a positive tetrahedron.
-        let base = faces(t)[i].map(|w| c.points[w as usize]);
-        for p in base {
-            shortest = shortest.min((p - here).norm());
-            centre += p.coords;
-        }
-        cone.bases.push([base[0], base[2], base[1]]);
+    bases(c, v, &mut cone.bases);
+    for base in &cone.bases {
+        centre += base.sum();
+        shortest = base.corners().iter().map(|p| (p - here).norm()).fold(shortest, f64::min);
     }
     centre /= 3.0 * cone.bases.len() as f64;
     let (mut start, mut value) = (here, cone.worst(&here, f64::NEG_INFINITY));
@@ -160,9 +183,5 @@ pub(super) fn relax(c: &mut Complex, v: u32) -> bool {
     }
     let (p, q) = cone.climb(start, value, shortest);
     // A score held down by two faces on the surface does not rise by moving: their vertices are frozen anyway.
-    if q <= old + 1e-6 {
-        return false;
-    }
-    c.set_point(v, p);
-    true
+    (q > old + 1e-6).then_some(p)
 }
