@@ -7,7 +7,7 @@
 use crate::geometry::{Plane, Point, Vector};
 
 /// Sections to either side reach this many radii inwards and towards the tip.
-const WINDOW: [f64; 2] = [1.25, 0.75];
+const WINDOW: [f64; 2] = [1.0, 0.5];
 /// And at least this many voxels.
 const VOXELS: f64 = 2.5;
 /// Passes: each takes its sections square to the direction of the one before.
@@ -44,7 +44,7 @@ pub(super) fn axis(
         areas.sort_by(f64::total_cmp);
         let Some(&usual) = areas.get(areas.len() / 2) else { break };
         // Sections through the tip are cut short, those near a junction are wide: both have their middles elsewhere.
-        found.retain(|f| f.2 > 0.8 * usual && f.2 < 1.3 * usual);
+        found.retain(|f| f.2 > 0.9 * usual && f.2 < 1.3 * usual);
         if found.len() < 3 {
             break;
         }

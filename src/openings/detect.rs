@@ -34,6 +34,9 @@ use crate::geometry::{Plane, Point};
 use crate::mask::Mask;
 use crate::mesh::PatchKind;
 
+/// Radii from the tip beyond which the section is no longer waited for to settle.
+const LATEST: f64 = 2.0;
+
 /// How ends are told apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DetectOptions {
@@ -231,7 +234,7 @@ fn one(
             let settled = options.settled - 0.1 * (voxel / r).min(1.0);
             let grown = next.is_some_and(|n| s.area < settled * n.area.min(1.5 * s.area) && n.area < 2.0 * s.area);
             // Thin sections are too rough to tell; in a vessel that widens for long the first places are as good.
-            let late = t > first + 1.25 * r;
+            let late = t > (first + 1.25 * r).min(LATEST * r).max(first);
             if whole && (border || late || !grown) {
                 let from = *settled_at.get_or_insert(t);
                 let ratio = s.area / (std::f64::consts::PI * r * r);

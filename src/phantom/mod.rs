@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 pub use random::Random;
 pub use tree::{TreeOptions, random_tree};
-pub use truth::{Primitive, Shape, Truth};
+pub use truth::{Axis, Primitive, Shape, Truth};
 
 use crate::geometry::{Plane, Point, Vector};
 use crate::implicit::Implicit;

@@ -106,3 +106,17 @@ fn an_unknown_name_is_answered_with_the_names_there_are() {
         assert!(build(&name).is_ok(), "{name}");
     }
 }
+
+#[test]
+fn the_axis_of_a_phantom_is_known_in_one_vessel_and_nowhere_else() {
+    let bend = build("bend").unwrap();
+    let top = bend.truth.axis(&Point::from(Vector::new(0.1, 1.0, 0.0).normalize() * 9.0));
+    let top = top.expect("the middle of the bend");
+    assert!((top.point.coords.norm() - 9.0).abs() < 1e-9 && (top.radius - 2.2).abs() < 1e-12, "{top:?}");
+    let y = build("bifurcation").unwrap();
+    let leg = y.truth.axis(&Point::new(0.3, 0.0, -10.0)).expect("the inlet's leg");
+    assert!((leg.point - Point::new(0.0, 0.0, -10.0)).norm() < 1e-12 && leg.direction.z.abs() > 0.999);
+    assert!(y.truth.axis(&Point::origin()).is_none(), "the junction belongs to three vessels");
+    assert!(y.truth.axis(&Point::new(0.0, 0.0, -21.0)).is_none(), "beyond the end of the axis");
+    assert!(y.truth.axis(&Point::new(9.0, 9.0, -9.0)).is_none(), "outside");
+}

@@ -2,10 +2,15 @@
 //!
 //! The blend is the polynomial smooth minimum: min(a, b) − h² k / 4 with h = max(k − |a − b|, 0) / k.
 
+use std::f64::consts::TAU;
+
 use serde_json::{Map, Value, json};
 
 use crate::geometry::{Aabb, Point, Vector};
 use crate::implicit::Implicit;
+
+/// Cosine of the largest angle between two pieces of one bent vessel, 16 degrees.
+const PIECES_OF_ONE: f64 = 0.96;
 
 /// A solid with a simple signed distance.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,7 +86,7 @@ impl Shape {
                 let (x, y) = (w.dot(u), w.dot(v));
                 let mut turn = y.atan2(x);
                 if turn < -1e-9 {
-                    turn += std::f64::consts::TAU;
+                    turn += TAU;
                 }
                 if turn <= *angle {
                     let flat = u * x + v * y;
@@ -115,7 +120,7 @@ impl Shape {
                 let mut high = x.max(x * angle.cos() + y * angle.sin());
                 // The extremes of x cos t + y sin t lie at the direction of (x, y) and opposite to it.
                 for half in [0.0, std::f64::consts::PI] {
-                    let t = (y.atan2(x) + half).rem_euclid(std::f64::consts::TAU);
+                    let t = (y.atan2(x) + half).rem_euclid(TAU);
                     if t <= *angle {
                         low = low.min(x * t.cos() + y * t.sin());
                         high = high.max(x * t.cos() + y * t.sin());
@@ -123,6 +128,35 @@ impl Shape {
                 }
                 let c = center.coords.dot(e);
                 [c + major * low - radius, c + major * high + radius]
+            }
+        }
+    }
+
+    /// The place on the shape's axis nearest to `p` and whether it lies between the axis' ends; a ball has no axis.
+    fn axis(&self, p: &Point) -> Option<(Axis, bool)> {
+        match self {
+            Shape::Sphere { .. } => None,
+            Shape::Cylinder { point, direction, radius } => {
+                Some((Axis { point: point + direction * (p - point).dot(direction), direction: *direction, radius: *radius }, true))
+            }
+            Shape::Capsule { a, b, radii } => {
+                let axis = b - a;
+                let t = (p - a).dot(&axis) / axis.norm_squared();
+                let h = t.clamp(0.0, 1.0);
+                Some((Axis { point: a + axis * h, direction: axis.normalize(), radius: radii[0] + h * (radii[1] - radii[0]) }, t == h))
+            }
+            Shape::TorusArc { center, u, v, major, angle, radius } => {
+                let w = p - center;
+                let turn = w.dot(v).atan2(w.dot(u)).rem_euclid(TAU);
+                let nearest = if turn <= *angle {
+                    turn
+                } else if turn - angle < TAU - turn {
+                    *angle
+                } else {
+                    0.0
+                };
+                let (s, c) = nearest.sin_cos();
+                Some((Axis { point: center + (u * c + v * s) * *major, direction: v * c - u * s, radius: *radius }, turn <= *angle))
             }
         }
     }
@@ -148,6 +182,17 @@ impl Shape {
 
 fn around(c: f64, r: f64) -> [f64; 2] {
     [c - r, c + r]
+}
+
+/// A place on the axis of a phantom.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axis {
+    /// The place, mm.
+    pub point: Point,
+    /// Unit direction of the axis, of either sign.
+    pub direction: Vector,
+    /// Radius of the vessel there, mm.
+    pub radius: f64,
 }
 
 /// A shape and how it is joined to those before it.
@@ -180,6 +225,19 @@ impl Truth {
             Value::Object(map)
         };
         Value::Array(self.primitives.iter().map(one).collect())
+    }
+
+    /// The axis of the vessel that holds `p`, at its place nearest to `p`: `None` where `p` lies in a sac, in several
+    /// vessels or their blend, where no single axis is the true one, beyond the end of an axis, and outside.
+    pub fn axis(&self, p: &Point) -> Option<Axis> {
+        let blend = self.primitives.iter().map(|p| p.blend).fold(0.0, f64::max);
+        let near: Vec<&Shape> = self.primitives.iter().map(|p| &p.shape).filter(|s| s.value_gradient(p).0 <= blend).collect();
+        let axes: Vec<(Axis, bool)> = near.iter().map(|s| s.axis(p)).collect::<Option<_>>()?;
+        let away = |a: &Axis| (a.point - p).norm() / a.radius;
+        let (best, _) = axes.iter().filter(|a| a.1).min_by(|a, b| away(&a.0).total_cmp(&away(&b.0)))?;
+        // Pieces of one vessel go on in one direction; those of several do not.
+        let one = axes.iter().all(|(a, _)| a.direction.dot(&best.direction).abs() > PIECES_OF_ONE);
+        (one && away(best) <= 1.0).then_some(*best)
     }
 
     /// Smallest and largest coordinate along a unit direction; infinite for endless vessels. Blends bulge by at most
