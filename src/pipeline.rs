@@ -4,6 +4,7 @@ mod creases;
 mod cutting;
 mod error;
 mod explain;
+mod filling;
 mod gates;
 mod input;
 mod options;
@@ -36,7 +37,6 @@ use crate::polygonize;
 use crate::quality;
 use crate::remesh::{self, SizeField};
 use crate::report::{Report, StageTime};
-use crate::volume;
 
 /// How far a run goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -277,6 +277,11 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
         creases::soften(case, &outcome.mask, &mut parts, &mut outcome.report, context);
     }
+    // Before the surface is measured: where it cannot be filled well it is mended.
+    let filled = match context.stop_after >= Stage::Volume {
+        true => Some(filling::fill(case, &outcome.mask, &mut parts, clock)?),
+        false => None,
+    };
     outcome.openings = parts.iter().flat_map(|p| p.openings.iter().cloned()).collect();
     outcome.openings.iter().for_each(|o| context.progress.explain(&explain::opening(o)));
     outcome.centerlines = results::joined_centerlines(parts.iter().map(|p| &p.centerlines));
@@ -326,26 +331,15 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
             mesh::regions::mark(&mut named, name, &region)?;
         }
     }
-    if context.stop_after >= Stage::Volume {
-        let sizes = Sizes(&parts);
-        let (mut cells, built) = clock.run(
-            "volume",
-            || {
-                let [x, y, z] = outcome.mask.grid.spacing();
-                let options = options::volume(case, &context.worker, x.min(y).min(z));
-                let expect = |cells: u64| context.progress.explain(&format!("about {cells} tetrahedra are to be expected"));
-                volume::build_watched(&surface, &sizes, &options, Some(context.cancel), &expect)
-            },
-            |(v, _)| format!("{} tetrahedra, {} prisms", v.tets.len(), v.prisms.len()),
-        )?;
+    if let Some(filling::Filled { mut cells, built, quality: measured, mended }) = filled {
         for w in built.layers.iter().flat_map(|l| &l.warnings) {
             outcome.report.warn("boundary layers", w.clone());
         }
-        let measured = clock.run(
-            "volume quality",
-            || quality::volume(&cells, &Default::default()),
-            |q| format!("S_V max {:.3}, mean {:.3}", q.sv_max, q.sv_mean),
-        )?;
+        if let Some(m) = &mended {
+            let kept = if m.kept { "and filled once more" } else { "without the mesh becoming better: it stays as it was" };
+            outcome.report.warn("volume", format!("{}; the wall was mended in {} places {kept}, see volume.mended", m.why, m.changes.len()));
+            outcome.report.put_in("volume", "mended", m);
+        }
         outcome.report.put("volume", &measured);
         results::contract_keys(&mut outcome.report, &measured);
         outcome.report.put_in("volume", "build", &built);

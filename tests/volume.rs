@@ -6,7 +6,7 @@ mod vessels;
 use lumenmesh::mesh::TriMesh;
 use lumenmesh::remesh::Uniform;
 use lumenmesh::quality;
-use lumenmesh::volume::{BuildOptions, Error, VolumeOptions, WorkerOptions, build, fill};
+use lumenmesh::volume::{BuildOptions, Error, LayerOptions, VolumeOptions, WorkerOptions, build, fill};
 
 fn options() -> VolumeOptions {
     let worker = WorkerOptions { executable: Some(env!("CARGO_BIN_EXE_lumenmesh").into()), ..WorkerOptions::default() };
@@ -118,4 +118,22 @@ fn a_length_in_millimetres_bounds_the_edges_inside() {
     };
     let (free, bounded) = (with(None), with(Some(0.36)));
     assert!(bounded as f64 > 1.15 * free as f64, "{free} {bounded}");
+}
+
+#[test]
+fn a_wished_number_of_cells_comes_out_within_a_tenth_with_and_without_layers() {
+    let s = vessels::straight(2.0, 6.0, 6);
+    let with = |target: Option<u64>, layers: u32| {
+        let mut o = BuildOptions { fill: options(), ..BuildOptions::default() };
+        o.fill.sizing.target_cells = target;
+        o.layers = (layers > 0).then(|| LayerOptions { count: layers, ..LayerOptions::default() });
+        let (m, summary) = build(&s, &Uniform(f64::NAN), &o, None).unwrap();
+        ((m.tets.len() + m.prisms.len()) as f64, summary.fill.size_factor)
+    };
+    let free = with(None, 0).0;
+    for (part, layers) in [(0.9, 0), (1.5, 0), (3.0, 0), (3.0, 2)] {
+        let target = part * free;
+        let (cells, factor) = with(Some(target as u64), layers);
+        assert!((cells / target - 1.0).abs() < 0.1, "{cells} cells for {target} with {layers} layers, factor {factor}");
+    }
 }

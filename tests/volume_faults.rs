@@ -9,8 +9,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use lumenmesh::config::Case;
 use lumenmesh::geometry::Point;
 use lumenmesh::mesh::TriMesh;
+use lumenmesh::pipeline::{self, Context, Silent, Stage};
 use lumenmesh::remesh::Uniform;
 use lumenmesh::volume::{Error, VolumeOptions, WorkerOptions, fill, fill_cancellable};
 
@@ -132,4 +134,47 @@ fn two_hundred_bad_surfaces_in_a_row_give_one_error_each() {
         }
     }
     assert!(fill(&good, &Uniform(1.0), &real()).is_ok());
+}
+
+/// Runs the built-in tube to its volume mesh with a worker that is killed the first so many times.
+fn run_with_failures(times: u32) -> Result<serde_json::Value, String> {
+    let dir = tempfile::tempdir().unwrap();
+    let mask = dir.path().join("mask.nrrd");
+    lumenmesh::io::nrrd::write_mask(&mask, &lumenmesh::phantom::build("tube").unwrap().mask()).unwrap();
+    let (count, program) = (dir.path().join("count"), env!("CARGO_BIN_EXE_lumenmesh"));
+    let count = count.display();
+    let worker = script(
+        dir.path(),
+        &format!("n=$(cat {count} 2>/dev/null || echo 0)\necho $((n + 1)) > {count}\n[ \"$n\" -lt {times} ] && kill -9 $$\nexec {program} \"$@\""),
+    );
+    let mut case = Case::for_mask(mask);
+    // Coarse: what is looked at is the order of work.
+    case.surface.scale = 1.6;
+    let context = Context { stop_after: Stage::Volume, progress: &Silent, cancel: &AtomicBool::new(false), worker };
+    match pipeline::run(&case, &context) {
+        Ok(outcome) => Ok(serde_json::from_str(&outcome.report.to_json()).unwrap()),
+        Err(e) => Err(e.to_string()),
+    }
+}
+
+#[test]
+fn a_wall_that_cannot_be_filled_is_mended_at_its_doubtful_places_and_filled_once_more() {
+    let sound = run_with_failures(0).unwrap();
+    assert!(sound["volume"]["mended"].is_null());
+    // All four attempts fail; the first one on the mended wall does not.
+    let report = run_with_failures(4).unwrap();
+    let mended = &report["volume"]["mended"];
+    assert_eq!(mended["kept"], true);
+    assert!(mended["why"].as_str().unwrap().contains("after 4 attempts"), "{mended}");
+    assert!(!mended["places"].as_array().unwrap().is_empty() && !mended["changes"].as_array().unwrap().is_empty());
+    assert!(report["warnings"].to_string().contains("mended"), "{}", report["warnings"]);
+    // The surface that is measured and delivered is the one that was filled, as good as it was.
+    let missed = report["gates"].as_array().unwrap().iter().filter(|g| g["hard"] == true && g["passed"] == false).count();
+    assert_eq!(missed, 0, "{}", report["gates"]);
+}
+
+#[test]
+fn a_wall_that_cannot_be_filled_even_when_mended_is_an_error_with_all_attempts() {
+    let e = run_with_failures(100).unwrap_err();
+    assert!(e.contains("after 8 attempts"), "{e}");
 }

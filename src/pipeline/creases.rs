@@ -10,14 +10,15 @@ use crate::volume::creases::{self, CreaseOptions};
 /// How far from the implicit wall a vertex may be moved, in voxels: a quarter of what the mask resolves at best.
 const MAX_DISTANCE: f64 = 0.25;
 
+/// How far the wall may be changed for the volume's sake.
+pub(super) fn options(case: &Case, mask: &Mask) -> CreaseOptions {
+    let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    CreaseOptions { max_skewness: case.surface.target_skewness, max_distance: MAX_DISTANCE * voxel, ..CreaseOptions::default() }
+}
+
 /// Softens the creases of all components.
 pub fn soften(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report, context: &Context) {
-    let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    let options = CreaseOptions {
-        max_skewness: case.surface.target_skewness,
-        max_distance: MAX_DISTANCE * voxel,
-        ..CreaseOptions::default()
-    };
+    let options = options(case, mask);
     let mut all = Vec::new();
     for part in parts.iter_mut() {
         let Some((mesh, found)) = creases::soften(&part.surface, &carriers(part), &options) else { continue };

@@ -8,7 +8,7 @@ use super::layers::{self, LayerOptions, LayerSummary};
 use super::optimise::{OptimiseOptions, OptimiseSummary, optimise_until, quality};
 use super::{Error, Summary, VolumeOptions, cancelled, check_surface, fill_and};
 use crate::geometry::Point;
-use crate::mesh::{TriMesh, VolumeMesh};
+use crate::mesh::{TriMesh, VolumeMesh, WALL};
 use crate::remesh::SizeField;
 
 /// Everything the volume stage can be told.
@@ -108,6 +108,13 @@ pub fn build_watched(
         }
     }
     check_surface(surface)?;
+    // The prisms count among the wished cells.
+    let mut options = options.clone();
+    if let Some(target) = &mut options.fill.sizing.target_cells {
+        let wall = surface.patch.iter().filter(|&&p| p == WALL).count() as u64;
+        *target = target.saturating_sub(wall * u64::from(wanted.count)).max(1);
+    }
+    let options = &options;
     let mut retries: Vec<Retry> = vec![];
     let mut thinner: Vec<u32> = vec![];
     let mut best: Option<((bool, f64), VolumeMesh, BuildSummary)> = None;

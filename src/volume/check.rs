@@ -8,6 +8,7 @@ use serde::Serialize;
 use crate::geometry::{Point, Vector};
 use crate::mesh::TriMesh;
 use crate::mesh::intersect::{Side, side_of_plane};
+use crate::remesh::shape::skewness;
 
 /// Something wrong with a surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -35,6 +36,40 @@ impl std::fmt::Display for SurfaceFault {
         }
         write!(f, "): {}", self.advice)
     }
+}
+
+/// Where a sound surface is nearest to being at fault: the middles of its ten sharpest edges, as seen from either side, and
+/// of its ten most skewed triangles.
+pub(super) fn doubtful(mesh: &TriMesh) -> Vec<Point> {
+    let mut edges: Vec<([u32; 2], u32, u32)> = Vec::with_capacity(3 * mesh.triangles.len());
+    for t in &mesh.triangles {
+        for i in 0..3 {
+            let (a, b) = (t[i], t[(i + 1) % 3]);
+            edges.push(([a.min(b), a.max(b)], t[(i + 2) % 3], a));
+        }
+    }
+    edges.sort_unstable();
+    let p = |v: u32| mesh.points[v as usize];
+    let mut sharp: Vec<(f64, Point)> = edges
+        .chunk_by(|x, y| x.0 == y.0)
+        .filter(|g| g.len() == 2)
+        .map(|g| {
+            let ([a, b], c, d) = (g[0].0, g[0].1, g[1].1);
+            let e = p(b) - p(a);
+            let (n, k) = (e.cross(&(p(c) - p(a))), (p(d) - p(a)).cross(&e));
+            // 1 where both triangles lie in one plane, −1 where they lie on each other.
+            (n.dot(&k) / (n.norm() * k.norm()), nalgebra::center(&p(a), &p(b)))
+        })
+        .collect();
+    sharp.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut skewed: Vec<(f64, Point)> = (0..mesh.triangles.len())
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            (skewness(&a, &b, &c), Point::from((a.coords + b.coords + c.coords) / 3.0))
+        })
+        .collect();
+    skewed.sort_by(|a, b| b.0.total_cmp(&a.0));
+    sharp.into_iter().take(10).chain(skewed.into_iter().take(10)).map(|(_, p)| p).collect()
 }
 
 /// The first fault of a surface that is to be filled, in the order: finite, ids, closed, oriented, crossing.

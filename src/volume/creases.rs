@@ -242,7 +242,6 @@ fn crosses(m: &HalfEdgeMesh, region: &[u32]) -> bool {
 /// free of self-intersection where it was. Not guaranteed: that every crease goes.
 pub fn soften(mesh: &TriMesh, supports: &Supports<'_>, options: &CreaseOptions) -> Option<(TriMesh, Vec<Crease>)> {
     let mut m = HalfEdgeMesh::new(mesh).ok()?;
-    let wish = Wish { options, supports };
     let mut done: Vec<Crease> = Vec::new();
     let mut in_vain: Vec<(u32, u32)> = Vec::new();
     while done.len() < options.most {
@@ -253,46 +252,93 @@ pub fn soften(mesh: &TriMesh, supports: &Supports<'_>, options: &CreaseOptions) 
             .filter(|&(a, h)| a < options.least_angle && !in_vain.contains(&(m.origin(h), m.target(h))))
             .min_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         let Some((sharp, h)) = sharpest else { break };
-        let corners = wings(&m, h);
-        let at = nalgebra::center(&m.points[corners[0] as usize], &m.points[corners[1] as usize]);
-        let before = neighbourhood(&m, &corners);
-        let (worst, skewed) = (wish.of_region(&m, &before), wish.skewness_of_region(&m, &before));
-        let mut best: Option<(f64, Change, HalfEdgeMesh, Vec<u32>)> = None;
-        // The least distance from the wall that helps, then the other changes.
-        let near = [0.4, 1.0].map(|part| CreaseOptions { max_distance: part * options.max_distance, ..options.clone() });
-        let tries = near.iter().flat_map(|options| {
-            let wish = Wish { options, supports };
-            changed(&m, &wish, corners).into_iter().map(move |c| (c, Wish { options, supports })).collect::<Vec<_>>()
-        });
-        for ((change, mut n, seeds), wish) in tries {
-            if best.as_ref().is_some_and(|b| b.0 <= 1.0) {
-                break;
-            }
-            let region = neighbourhood(&n, &seeds);
-            let movable: Vec<u32> = region.iter().copied().filter(|&v| free(&n, v)).collect();
-            wish.relax(&mut n, &movable);
-            let w = wish.of_region(&n, &region).max(1.0);
-            if w < best.as_ref().map_or(worst, |b| b.0) - 0.02
-                && wish.skewness_of_region(&n, &region) <= skewed.max(1.0)
-                && !crosses(&n, &region)
-            {
-                best = Some((w, change, n, region));
-            }
+        let ends = (m.origin(h), m.target(h));
+        let (next, crease) = work(m, h, sharp, supports, options);
+        m = next;
+        if crease.change.is_none() {
+            in_vain.push(ends);
         }
-        match best {
-            Some((_, change, n, region)) => {
-                m = n;
-                let inside = region.iter().flat_map(|&v| m.outgoing(v)).map(|h| angle(&m, h)).fold(360.0, f64::min);
-                let off = region.iter().filter(|&&v| free(&m, v)).map(|&v| supports.distance(WALL, &m.points[v as usize])).fold(0.0, f64::max);
-                done.push(Crease { at, angle: sharp, change: Some(change), angle_after: inside, distance: off });
-            }
-            None => {
-                in_vain.push((corners[0], corners[1]));
-                done.push(Crease { at, angle: sharp, change: None, angle_after: sharp, distance: 0.0 });
+        done.push(crease);
+    }
+    (!done.is_empty()).then(|| (m.into_mesh(), done))
+}
+
+/// Edges that are worked on round one place.
+const EDGES_A_PLACE: usize = 3;
+
+/// Works on the wall round some places, where it made filling fail or come out poor: at the edges that are farthest from
+/// what is wished, whatever their angle. `None` where nothing became better.
+///
+/// What holds of [`soften`] holds here too; only vertices within two edges of a place change.
+pub fn mend(mesh: &TriMesh, supports: &Supports<'_>, options: &CreaseOptions, places: &[Point]) -> Option<(TriMesh, Vec<Crease>)> {
+    let mut m = HalfEdgeMesh::new(mesh).ok()?;
+    // A good surface meets the usual wishes already; here it is to become another one.
+    let options = &CreaseOptions { least_angle: 1.5 * options.least_angle, max_skewness: 0.5 * options.max_skewness, ..options.clone() };
+    let mut done: Vec<Crease> = Vec::new();
+    for place in places.iter().take(options.most) {
+        let mut tried: Vec<(u32, u32)> = Vec::new();
+        for _ in 0..EDGES_A_PLACE {
+            let wish = Wish { options, supports };
+            let of = |h: u32| wish.of_edge(&m, h).max(wish.of_triangle(&m, h / 3)).max(wish.of_triangle(&m, m.twin(h) / 3));
+            let near = |h: u32| {
+                let (a, b) = (m.points[m.origin(h) as usize], m.points[m.target(h) as usize]);
+                (nalgebra::center(&a, &b) - place).norm() <= 2.0 * (b - a).norm()
+            };
+            let worst = m
+                .edges()
+                .filter(|&h| m.patch(h / 3) == WALL && m.patch(m.twin(h) / 3) == WALL && near(h))
+                .filter(|&h| !tried.contains(&(m.origin(h), m.target(h))))
+                .map(|h| (of(h), h))
+                .filter(|w| w.0 > 1.0)
+                .max_by(|x, y| x.0.total_cmp(&y.0).then(y.1.cmp(&x.1)));
+            let Some((_, h)) = worst else { break };
+            tried.push((m.origin(h), m.target(h)));
+            let sharp = angle(&m, h);
+            let (next, crease) = work(m, h, sharp, supports, options);
+            m = next;
+            if crease.change.is_some() {
+                done.push(crease);
             }
         }
     }
     (!done.is_empty()).then(|| (m.into_mesh(), done))
+}
+
+/// Works on the edge of `h`, whose angle inside is `sharp`: the mesh then, as it was where nothing helps.
+fn work(m: HalfEdgeMesh, h: u32, sharp: f64, supports: &Supports<'_>, options: &CreaseOptions) -> (HalfEdgeMesh, Crease) {
+    let wish = Wish { options, supports };
+    let corners = wings(&m, h);
+    let at = nalgebra::center(&m.points[corners[0] as usize], &m.points[corners[1] as usize]);
+    let before = neighbourhood(&m, &corners);
+    let (worst, skewed) = (wish.of_region(&m, &before), wish.skewness_of_region(&m, &before));
+    let mut best: Option<(f64, Change, HalfEdgeMesh, Vec<u32>)> = None;
+    // The least distance from the wall that helps, then the other changes.
+    let near = [0.4, 1.0].map(|part| CreaseOptions { max_distance: part * options.max_distance, ..options.clone() });
+    let tries = near.iter().flat_map(|options| {
+        let wish = Wish { options, supports };
+        changed(&m, &wish, corners).into_iter().map(move |c| (c, Wish { options, supports })).collect::<Vec<_>>()
+    });
+    for ((change, mut n, seeds), wish) in tries {
+        if best.as_ref().is_some_and(|b| b.0 <= 1.0) {
+            break;
+        }
+        let region = neighbourhood(&n, &seeds);
+        let movable: Vec<u32> = region.iter().copied().filter(|&v| free(&n, v)).collect();
+        wish.relax(&mut n, &movable);
+        let w = wish.of_region(&n, &region).max(1.0);
+        if w < best.as_ref().map_or(worst, |b| b.0) - 0.02
+            && wish.skewness_of_region(&n, &region) <= skewed.max(1.0)
+            && !crosses(&n, &region)
+        {
+            best = Some((w, change, n, region));
+        }
+    }
+    let Some((_, change, n, region)) = best else {
+        return (m, Crease { at, angle: sharp, change: None, angle_after: sharp, distance: 0.0 });
+    };
+    let inside = region.iter().flat_map(|&v| n.outgoing(v)).map(|h| angle(&n, h)).fold(360.0, f64::min);
+    let off = region.iter().filter(|&&v| free(&n, v)).map(|&v| supports.distance(WALL, &n.points[v as usize])).fold(0.0, f64::max);
+    (n, Crease { at, angle: sharp, change: Some(change), angle_after: inside, distance: off })
 }
 
 #[cfg(test)]
@@ -346,6 +392,31 @@ mod tests {
         assert!(skewest(&m) <= skewest(&ridge).max(0.45));
         let same = m.points.iter().filter(|p| ridge.points.contains(p)).count();
         assert!(same + 40 > ridge.points.len(), "{same} of {}", ridge.points.len());
+    }
+
+    #[test]
+    fn mending_changes_the_wall_round_the_given_places_alone_and_for_the_better() {
+        let wall = Lens(1.0);
+        let supports = Supports::new(&wall);
+        let mut ball = sphere(Point::origin(), 1.0, 6);
+        // A bad triangle at either end; one of them is named.
+        let ends = [Point::new(0.0, 0.0, 1.0), Point::new(0.0, 0.0, -1.0)];
+        for end in ends {
+            let near = |p: &Point| (p - end).norm();
+            let v = (0..ball.points.len()).min_by(|&i, &j| near(&ball.points[i]).total_cmp(&near(&ball.points[j]))).unwrap_or(0);
+            let moved = ball.points[v] + Vector::new(0.09, 0.05, 0.0);
+            ball.points[v] = Point::from(moved.coords.normalize());
+        }
+        let (m, changes) = mend(&ball, &supports, &CreaseOptions::default(), &ends[..1]).expect("a change");
+        assert!(!changes.is_empty() && changes.iter().all(|c| c.change.is_some() && (c.at - ends[0]).norm() < 0.5), "{changes:?}");
+        let far = |m: &TriMesh| m.points.iter().filter(|p| p.z < 0.0).map(|p| p.coords.iter().map(|x| x.to_bits()).fold(0u64, u64::wrapping_add)).fold(0u64, u64::wrapping_add);
+        assert_eq!(far(&m), far(&ball));
+        let worst = |m: &TriMesh| {
+            let upper = (0..m.triangles.len()).map(|t| m.corners(t)).filter(|c| c[0].z > 0.0);
+            upper.map(|[a, b, c]| skewness(&a, &b, &c)).fold(0.0, f64::max)
+        };
+        assert!(worst(&m) < worst(&ball) - 0.02, "{} {}", worst(&m), worst(&ball));
+        assert!(topology::check(&m).is_closed_manifold() && intersect::self_intersections(&m).is_empty());
     }
 
     #[test]

@@ -75,6 +75,9 @@ pub enum Error {
         attempts: Vec<Attempt>,
         /// Size of the surface.
         triangles: usize,
+        /// Where the surface may be at fault, mm: TetGen does not say. Its sharpest edges and its most skewed triangles,
+        /// nothing where a time limit ended the work.
+        places: Vec<Point>,
     },
     /// There is no room for layers, however thin.
     #[error(
@@ -157,6 +160,9 @@ pub fn fill_cancellable(
     fill_and(surface, size, options, cancel, &|_| (), &mut |_| ())
 }
 
+/// Most times that points are laid out anew where their number misses `target_cells`.
+const CORRECTIONS: usize = 3;
+
 /// As [`fill_cancellable`]; `expect` hears the number of cells to expect before the work starts, `finish` works on the
 /// mesh before its sizes are held against the wished ones.
 fn fill_and(
@@ -170,9 +176,18 @@ fn fill_and(
     options.sizing.check()?;
     check_surface(surface)?;
     let bvh = TriangleBvh::new(surface);
-    let sizing = sizing::Sizing::new(surface, &bvh, size, &options.sizing);
+    let mut sizing = sizing::Sizing::new(surface, &bvh, size, &options.sizing);
     expect(sizing.estimate());
-    let interior = packing::pack(surface, &sizing, &|| cancelled(cancel));
+    let mut interior = packing::pack(surface, &sizing, &|| cancelled(cancel));
+    if let Some(target) = options.sizing.target_cells {
+        for _ in 0..CORRECTIONS {
+            let (cells, target) = (sizing::cells_of_points(interior.len(), surface.points.len()), target as f64);
+            if (cells / target - 1.0).abs() < 0.03 || !sizing.correct(cells, target) {
+                break;
+            }
+            interior = packing::pack(surface, &sizing, &|| cancelled(cancel));
+        }
+    }
     if cancelled(cancel) {
         return Err(Error::Cancelled);
     }
@@ -271,12 +286,12 @@ fn tetrahedralize(
                 let failure = Some(e.to_string());
                 if last {
                     attempts.push(Attempt { name, switches, seconds, failure });
-                    break;
+                    return Err(Error::TetGen { attempts, triangles: surface.triangles.len(), places: vec![] });
                 }
                 failure
             }
         };
         attempts.push(Attempt { name, switches, seconds, failure });
     }
-    Err(Error::TetGen { attempts, triangles: surface.triangles.len() })
+    Err(Error::TetGen { attempts, triangles: surface.triangles.len(), places: check::doubtful(surface) })
 }

@@ -51,6 +51,16 @@ impl SizingOptions {
 /// of well-shaped tetrahedra are measured to have.
 const TETS_PER_CUBE: f64 = 8.0;
 
+/// What the factor on interior sizes may be.
+const FACTORS: (f64, f64) = (0.25, 4.0);
+
+/// Tetrahedra that `interior` points inside a surface of `surface` points end up with once they are optimised: each
+/// vertex inside brings as many, each on the surface fewer. Measured on four vessels from 6,000 to 35,000 points inside, on
+/// which it holds within 0.4 %.
+pub(super) fn cells_of_points(interior: usize, surface: usize) -> f64 {
+    6.05 * interior as f64 + 2.76 * surface as f64
+}
+
 /// The size field of the interior.
 pub struct Sizing<'a> {
     bvh: &'a TriangleBvh,
@@ -61,6 +71,8 @@ pub struct Sizing<'a> {
     growth: f64,
     factor: f64,
     estimate: u64,
+    /// Volume, unscaled size and depth in wall edges at sample points.
+    samples: Vec<(f64, f64, f64)>,
 }
 
 /// Size and where the wall is.
@@ -107,26 +119,43 @@ impl<'a> Sizing<'a> {
             })
             .collect();
         let cap = smooth_lower(surface, cap, 0.3);
-        let mut s = Sizing { bvh, triangles: &surface.triangles, wall, cap, growth: options.growth, factor: 1.0, estimate: 0 };
-        let samples = s.samples(surface);
-        let count = |s: &Sizing<'_>, f: f64| -> f64 {
-            let sum: f64 = samples.iter().map(|&(v, h, w)| v * TETS_PER_CUBE / s.scaled(h, w, f).powi(3)).sum();
-            sum
-        };
+        let mut s = Sizing { bvh, triangles: &surface.triangles, wall, cap, growth: options.growth, factor: 1.0, estimate: 0, samples: vec![] };
+        s.samples = s.samples(surface);
         if let Some(target) = options.target_cells {
-            let (mut lo, mut hi) = (0.25f64, 4.0f64);
-            for _ in 0..40 {
-                let mid = (lo * hi).sqrt();
-                if count(&s, mid) > target as f64 {
-                    lo = mid;
-                } else {
-                    hi = mid;
-                }
-            }
-            s.factor = (lo * hi).sqrt();
+            s.factor = s.factor_for(target as f64);
         }
-        s.estimate = count(&s, s.factor).round() as u64;
+        s.estimate = s.count(s.factor).round() as u64;
         s
+    }
+
+    /// Cells that fit the sizes with this factor.
+    fn count(&self, factor: f64) -> f64 {
+        self.samples.iter().map(|&(v, h, w)| v * TETS_PER_CUBE / self.scaled(h, w, factor).powi(3)).sum()
+    }
+
+    /// The factor with which [`Sizing::count`] gives `cells`, or the nearest that is allowed.
+    fn factor_for(&self, cells: f64) -> f64 {
+        let (mut lo, mut hi) = FACTORS;
+        for _ in 0..40 {
+            let mid = (lo * hi).sqrt();
+            if self.count(mid) > cells {
+                lo = mid;
+            } else {
+                hi = mid;
+            }
+        }
+        (lo * hi).sqrt()
+    }
+
+    /// Corrects the factor where `cells` come out with it and `target` are wished; the estimate becomes what is to be
+    /// expected then. `false` where the factor is as far as it may go.
+    pub(super) fn correct(&mut self, cells: f64, target: f64) -> bool {
+        let calibration = cells / self.count(self.factor);
+        let factor = self.factor_for(target / calibration);
+        let changes = (factor / self.factor - 1.0).abs() > 1e-3;
+        self.factor = factor;
+        self.estimate = (calibration * self.count(factor)).round() as u64;
+        changes
     }
 
     /// Cells to expect, within some ten per cent where the interior decides; less sure where the surface does.
