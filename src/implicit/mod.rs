@@ -31,6 +31,14 @@ pub trait Implicit: Sync {
         self.value_gradient(p).1
     }
 
+    /// Values at the lattice points `origin + steps·c`, c running through `size` numbers from `low` on along each axis, x
+    /// fastest. `false`, and `out` as it was, where there is no faster way than point by point.
+    ///
+    /// Whether there is depends on the lattice alone, and a point's value not on `low` or `size`.
+    fn values_on(&self, _origin: &Point, _steps: &Matrix3<f64>, _low: [i32; 3], _size: usize, _out: &mut [f64]) -> bool {
+        false
+    }
+
     /// Second derivatives; central differences of the gradient unless the function knows better.
     fn hessian(&self, p: &Point) -> Matrix3<f64> {
         let h = 0.5 * self.resolution();
@@ -62,6 +70,10 @@ impl<I: Implicit + ?Sized> Implicit for &I {
         (**self).resolution()
     }
 
+    fn values_on(&self, origin: &Point, steps: &Matrix3<f64>, low: [i32; 3], size: usize, out: &mut [f64]) -> bool {
+        (**self).values_on(origin, steps, low, size, out)
+    }
+
     fn hessian(&self, p: &Point) -> Matrix3<f64> {
         (**self).hessian(p)
     }
@@ -82,6 +94,10 @@ impl<I: Implicit + ?Sized> Implicit for Box<I> {
 
     fn resolution(&self) -> f64 {
         (**self).resolution()
+    }
+
+    fn values_on(&self, origin: &Point, steps: &Matrix3<f64>, low: [i32; 3], size: usize, out: &mut [f64]) -> bool {
+        (**self).values_on(origin, steps, low, size, out)
     }
 
     fn hessian(&self, p: &Point) -> Matrix3<f64> {

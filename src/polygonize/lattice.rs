@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::geometry::{Point, Vector};
-use crate::mask::{Grid, Mask};
+use crate::mask::{Grid, Mask, interface};
 
 /// A lattice of cubes in any orientation, left-handed ones included.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,6 +48,11 @@ impl Lattice {
         [0, 1, 2].map(|a| v[a].floor() as i32)
     }
 
+    /// Corner (0, 0, 0), and the edges of a cell as columns.
+    pub fn frame(&self) -> (&Point, &Matrix3<f64>) {
+        (&self.origin, &self.axes)
+    }
+
     /// Whether the edges form a left-handed system.
     pub fn is_left_handed(&self) -> bool {
         self.axes.determinant() < 0.0
@@ -55,33 +60,18 @@ impl Lattice {
 }
 
 /// The cells that meet a voxel with a face neighbour of the other label; beyond the mask lies background.
-pub(super) fn boundary_cells(mask: &Mask, lattice: &Lattice) -> Vec<[i32; 3]> {
+pub(super) fn boundary_cells(mask: &Mask, lattice: &Lattice) -> impl Iterator<Item = [i32; 3]> {
     let s = mask.grid.spacing();
     let per_voxel = s.map(|x| x / lattice.cell);
-    let range = |a: usize, i: i64| {
-        let (lo, hi) = ((i as f64 - 0.5) * per_voxel[a], (i as f64 + 0.5) * per_voxel[a]);
+    let range = move |a: usize, i: i32| {
+        let (lo, hi) = ((f64::from(i) - 0.5) * per_voxel[a], (f64::from(i) + 0.5) * per_voxel[a]);
         lo.floor() as i32..hi.ceil() as i32
     };
-    let steps = [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]];
-    let mut voxels: Vec<[i64; 3]> = Vec::new();
-    for n in (0..mask.data.len()).filter(|&n| mask.data[n] != 0) {
-        let [i, j, k] = mask.grid.voxel(n).map(|x| x as i64);
-        let outside = |d: &[i64; 3]| !mask.at(i + d[0], j + d[1], k + d[2]);
-        let before = voxels.len();
-        voxels.extend(steps.iter().filter(|d| outside(d)).map(|d| [i + d[0], j + d[1], k + d[2]]));
-        if voxels.len() > before {
-            voxels.push([i, j, k]);
-        }
-    }
-    voxels.sort_unstable();
-    voxels.dedup();
-    let mut cells = Vec::new();
-    for v in voxels {
-        for k in range(2, v[2]) {
-            for j in range(1, v[1]) {
-                cells.extend(range(0, v[0]).map(|i| [i, j, k]));
-            }
-        }
-    }
-    cells
+    interface(mask).into_iter().flat_map(move |(v, _)| {
+        let (x, y, z) = (range(0, v[0]), range(1, v[1]), range(2, v[2]));
+        z.flat_map(move |k| {
+            let x = x.clone();
+            y.clone().flat_map(move |j| x.clone().map(move |i| [i, j, k]))
+        })
+    })
 }

@@ -32,6 +32,9 @@ const SNAP: f64 = 1e-9;
 const CLEARANCE: f64 = 1e-3;
 /// A root is found when the function is this part of a cell away from zero.
 const ROOT: f64 = 5e-5;
+/// Of a smooth function, a step from this part of a cell on leads to the root: inverse interpolation leaves well below a
+/// hundredth of it.
+const SURE: f64 = 3e-3;
 
 struct Block {
     wanted: [bool; CELLS],
@@ -39,6 +42,10 @@ struct Block {
     dirty: bool,
     /// Values at the corners; not a number where not needed yet.
     values: Vec<f64>,
+    /// Whether the function was sampled at all corners at once: it is smooth then.
+    sampled: bool,
+    /// Per cell done, its corners inside, a bit each.
+    inside: [u8; CELLS],
     evaluations: usize,
     /// After the sweep: per cell, number of the block's first vertex owned by it, and the mask of its edges.
     first: Vec<(u16, u8)>,
@@ -52,6 +59,8 @@ impl Block {
             done: [false; CELLS],
             dirty: true,
             values: vec![f64::NAN; CORNERS],
+            sampled: false,
+            inside: [0; CELLS],
             evaluations: 0,
             first: Vec::new(),
             points: Vec::new(),
@@ -84,14 +93,20 @@ fn global(key: &[i32; 3], cell: usize) -> [i32; 3] {
     std::array::from_fn(|a| key[a] * SIDE as i32 + l[a] as i32)
 }
 
-/// Corners of each face of a cell, and the step over it.
-const FACES: [([usize; 4], [i32; 3]); 6] = [
-    ([0, 2, 4, 6], [-1, 0, 0]),
-    ([1, 3, 5, 7], [1, 0, 0]),
-    ([0, 1, 4, 5], [0, -1, 0]),
-    ([2, 3, 6, 7], [0, 1, 0]),
-    ([0, 1, 2, 3], [0, 0, -1]),
-    ([4, 5, 6, 7], [0, 0, 1]),
+/// Places of a cell's corners from its lowest one on.
+const STEPS: [usize; 8] = {
+    let (y, z) = (SIDE + 1, (SIDE + 1) * (SIDE + 1));
+    [0, 1, y, y + 1, z, z + 1, z + y, z + y + 1]
+};
+
+/// Corners of each face of a cell as bits, the axis across it and whether it lies at the upper end.
+const FACES: [(u8, usize, bool); 6] = [
+    (0b0101_0101, 0, false),
+    (0b1010_1010, 0, true),
+    (0b0011_0011, 1, false),
+    (0b1100_1100, 1, true),
+    (0b0000_1111, 2, false),
+    (0b1111_0000, 2, true),
 ];
 
 struct Field<'a> {
@@ -105,12 +120,24 @@ impl Field<'_> {
         self.implicit.value(p) - self.level
     }
 
-    /// The root between corners `a` (value `fa`) and `b`: regula falsi, Illinois variant, after one step of inverse
-    /// quadratic interpolation, which mostly suffices.
-    fn root(&self, a: Point, b: Point, fa: f64, fb: f64) -> (Point, usize) {
+    /// Values at all corners of a block, where the function has a fast way.
+    fn sample(&self, key: &[i32; 3], values: &mut [f64]) -> bool {
+        let (origin, steps) = self.lattice.frame();
+        let found = self.implicit.values_on(origin, steps, key.map(|k| k * SIDE as i32), SIDE + 1, values);
+        if found {
+            values.iter_mut().for_each(|v| *v -= self.level);
+        }
+        found
+    }
+
+    /// The root between corners `a` and `b`, first looked for at `start`, a share of the way: regula falsi, Illinois
+    /// variant, after one step of inverse quadratic interpolation, which mostly suffices.
+    ///
+    /// Where the function is `smooth` the last step from near the root is not looked at again.
+    fn root(&self, a: Point, b: Point, fa: f64, fb: f64, start: f64, smooth: bool) -> (Point, usize) {
         let tolerance = ROOT * self.lattice.cell();
         let ([mut lo, mut hi], [mut flo, mut fhi]) = ([0.0, 1.0], [fa, fb]);
-        let mut t = fa / (fa - fb);
+        let mut t = start;
         let mut evaluations = 0;
         let mut last = 0i8;
         for round in 0..12 {
@@ -141,7 +168,7 @@ impl Field<'_> {
             }
             // A jump of the function leaves a sliver that falsi cannot shrink: bisect then.
             t = if s > lo && s < hi { s } else { lo + 0.5 * width };
-            if width < 1e-6 {
+            if width < 1e-6 || smooth && f.abs() < SURE * self.lattice.cell() {
                 break;
             }
         }
@@ -149,20 +176,71 @@ impl Field<'_> {
     }
 }
 
+/// Where the function has its zero between 0, where it is `fa`, and 1, where it is `fb`: of the polynomial through these
+/// and what is known (a number) of its values at −1 and 2.
+fn guess(fa: f64, fb: f64, before: f64, behind: f64) -> f64 {
+    let linear = fa / (fa - fb);
+    let bends = match (before - 2.0 * fa + fb, fa - 2.0 * fb + behind) {
+        (a, b) if a.is_finite() && b.is_finite() => [a, b],
+        (a, _) if a.is_finite() => [a, a],
+        (_, b) if b.is_finite() => [b, b],
+        _ => return linear,
+    };
+    // fa + t (fb − fa) + t (t − 1)/2 · bend(t), bend linear between −1 and 2: a fixed point of the first two terms.
+    let mut t = linear;
+    for _ in 0..4 {
+        let bend = (bends[0] * (2.0 - t) + bends[1] * (1.0 + t)) / 3.0;
+        t = linear + 0.5 * t * (t - 1.0) * bend / (fa - fb);
+    }
+    if t > 0.0 && t < 1.0 { t } else { linear }
+}
+
+/// The blocks, as they were first met, and their order in space.
+#[derive(Default)]
+struct Blocks {
+    index: BTreeMap<[i32; 3], usize>,
+    list: Vec<([i32; 3], Box<Block>)>,
+}
+
+impl Blocks {
+    /// Marks cells as wanted and their blocks as dirty.
+    fn want(&mut self, cells: impl Iterator<Item = [i32; 3]>) {
+        let mut last = None;
+        for c in cells {
+            let (key, slot) = address(c);
+            let n = match last {
+                Some((k, n)) if k == key => n,
+                _ => *self.index.entry(key).or_insert_with(|| {
+                    self.list.push((key, Box::new(Block::new())));
+                    self.list.len() - 1
+                }),
+            };
+            last = Some((key, n));
+            let block = &mut self.list[n].1;
+            if !block.wanted[slot] {
+                block.wanted[slot] = true;
+                block.dirty = true;
+            }
+        }
+    }
+}
+
 /// Marches from `seeds` (cells) over all cells the level set passes through.
 pub(super) fn sweep(
     implicit: &dyn Implicit,
     lattice: &Lattice,
-    seeds: Vec<[i32; 3]>,
+    seeds: impl Iterator<Item = [i32; 3]>,
     level: f64,
 ) -> Result<(TriMesh, PolygonizeSummary), PolygonizeError> {
     let field = Field { implicit, lattice, level };
-    let mut blocks: BTreeMap<[i32; 3], Block> = BTreeMap::new();
-    want(&mut blocks, seeds);
+    let mut blocks = Blocks::default();
+    blocks.want(seeds);
+
     let slack = (1.0 + SIDE as f64) * 2.0 * lattice.cell() + level.abs();
     let bounds = implicit.bounds().inflated(slack);
     loop {
         let found: Vec<Result<Vec<[i32; 3]>, PolygonizeError>> = blocks
+            .list
             .iter_mut()
             .filter(|(_, b)| b.dirty)
             .collect::<Vec<_>>()
@@ -179,21 +257,9 @@ pub(super) fn sweep(
         if let Some(&c) = next.iter().find(|&&c| bounds.squared_distance(&lattice.corner(c)) > 0.0) {
             return Err(PolygonizeError::LeavesBounds { at: lattice.corner(c).into() });
         }
-        want(&mut blocks, next);
+        blocks.want(next.into_iter());
     }
     join(&field, blocks)
-}
-
-/// Marks cells as wanted and their blocks as dirty.
-fn want(blocks: &mut BTreeMap<[i32; 3], Block>, cells: Vec<[i32; 3]>) {
-    for c in cells {
-        let (key, slot) = address(c);
-        let block = blocks.entry(key).or_insert_with(Block::new);
-        if !block.wanted[slot] {
-            block.wanted[slot] = true;
-            block.dirty = true;
-        }
-    }
 }
 
 /// Samples the wanted cells of a block, follows the surface inside it, and returns the cells it enters elsewhere.
@@ -201,39 +267,54 @@ fn follow(field: &Field, key: &[i32; 3], block: &mut Block) -> Result<Vec<[i32; 
     let mut out = Vec::new();
     let mut stack: Vec<usize> = (0..CELLS).filter(|&c| block.wanted[c] && !block.done[c]).collect();
     let snap = SNAP * field.lattice.cell();
+    if block.evaluations == 0 && field.sample(key, &mut block.values) {
+        block.values.iter_mut().filter(|v| v.abs() < snap).for_each(|v| *v = -snap);
+        block.evaluations = CORNERS;
+        block.sampled = true;
+    }
     while let Some(cell) = stack.pop() {
         if std::mem::replace(&mut block.done[cell], true) {
             continue;
         }
-        let [i, j, k] = local(cell);
-        let low = global(key, cell);
-        let mut inside = [false; 8];
-        for (c, inside) in inside.iter_mut().enumerate() {
-            let (di, dj, dk) = (c & 1, c >> 1 & 1, c >> 2);
-            let slot = corner_slot(i + di, j + dj, k + dk);
-            if block.values[slot].is_nan() {
-                let p = field.lattice.corner([low[0] + di as i32, low[1] + dj as i32, low[2] + dk as i32]);
-                let v = field.at(&p);
+        let at = local(cell);
+        let low = corner_slot(at[0], at[1], at[2]);
+        let mut inside = 0u8;
+        for (c, step) in STEPS.iter().enumerate() {
+            let v = &mut block.values[low + step];
+            if v.is_nan() {
+                let [i, j, k] = global(key, cell);
+                let p = field.lattice.corner([i + (c & 1) as i32, j + (c >> 1 & 1) as i32, k + (c >> 2) as i32]);
+                *v = field.at(&p);
                 if !v.is_finite() {
-                    return Err(PolygonizeError::NotFinite { value: v, at: p.into() });
+                    return Err(PolygonizeError::NotFinite { value: *v, at: p.into() });
                 }
-                block.values[slot] = if v.abs() < snap { -snap } else { v };
+                if v.abs() < snap {
+                    *v = -snap;
+                }
                 block.evaluations += 1;
             }
-            *inside = block.values[slot] < 0.0;
+            inside |= u8::from(*v < 0.0) << c;
         }
-        for (corners, step) in &FACES {
-            let n = corners.iter().filter(|&&c| inside[c]).count();
-            if n == 0 || n == 4 {
+        block.inside[cell] = inside;
+        if inside == 0 || inside == u8::MAX {
+            continue;
+        }
+        for (face, axis, up) in FACES {
+            if inside & face == 0 || inside & face == face {
                 continue;
             }
-            let neighbour = std::array::from_fn(|a| low[a] + step[a]);
-            let (other, slot) = address(neighbour);
-            if other != *key {
+            let mut next = at;
+            if if up { at[axis] + 1 < SIDE } else { at[axis] > 0 } {
+                next[axis] = if up { at[axis] + 1 } else { at[axis] - 1 };
+                let slot = next[0] + SIDE * (next[1] + SIDE * next[2]);
+                if !block.done[slot] {
+                    block.wanted[slot] = true;
+                    stack.push(slot);
+                }
+            } else {
+                let mut neighbour = global(key, cell);
+                neighbour[axis] += if up { 1 } else { -1 };
                 out.push(neighbour);
-            } else if !block.done[slot] {
-                block.wanted[slot] = true;
-                stack.push(slot);
             }
         }
     }
@@ -242,26 +323,52 @@ fn follow(field: &Field, key: &[i32; 3], block: &mut Block) -> Result<Vec<[i32; 
 }
 
 /// Places the vertices of every block, numbers them in the order of the blocks, and makes the triangles.
-fn join(field: &Field, mut blocks: BTreeMap<[i32; 3], Block>) -> Result<(TriMesh, PolygonizeSummary), PolygonizeError> {
-    blocks.iter_mut().collect::<Vec<_>>().into_par_iter().for_each(|(key, block)| place(field, key, block));
-    let mut base = BTreeMap::new();
+fn join(field: &Field, blocks: Blocks) -> Result<(TriMesh, PolygonizeSummary), PolygonizeError> {
+    let Blocks { mut list, mut index } = blocks;
+    list.sort_unstable_by_key(|(key, _)| *key);
+    index.values_mut().enumerate().for_each(|(n, place)| *place = n);
+    list.par_iter_mut().for_each(|(key, block)| place(field, key, block));
+
+    let mut base = Vec::with_capacity(list.len());
     let mut total = 0usize;
-    for (key, block) in &blocks {
-        base.insert(*key, total);
+    for (_, block) in &list {
+        base.push(total as u32);
         total += block.points.len();
     }
-    let cells: usize = blocks.values().map(|b| b.done.iter().filter(|&&d| d).count()).sum();
-    let evaluations = blocks.values().map(|b| b.evaluations).sum();
+    let cells: usize = list.iter().map(|(_, b)| b.done.iter().filter(|&&d| d).count()).sum();
+    let evaluations = list.iter().map(|(_, b)| b.evaluations).sum();
     if total == 0 {
         return Err(PolygonizeError::NoSurface { cells, cell: field.lattice.cell() });
     }
     if total > u32::MAX as usize / 4 {
         return Err(PolygonizeError::TooLarge(total));
     }
-    let points: Vec<Point> = blocks.values().flat_map(|b| b.points.iter().copied()).collect();
-    let parts: Vec<Vec<[u32; 3]>> =
-        blocks.par_iter().map(|(key, block)| triangles(field, &blocks, &base, &points, key, block)).collect();
-    let mesh = TriMesh::new(points, parts.concat());
+    let mut points = Vec::with_capacity(total);
+    list.iter().for_each(|(_, b)| points.extend_from_slice(&b.points));
+    let cases = cases();
+    // Triangles of a cell by its corners inside, so that every block knows its place in the list.
+    let per_cell: [usize; 256] = std::array::from_fn(|inside| {
+        let of = |(tet, cases): (&([u8; 4], bool), &[TetCase; 16])| usize::from(cases[signs(tet.0, inside)].len.saturating_sub(2));
+        TETS.iter().zip(&cases).map(of).sum()
+    });
+    let counts: Vec<usize> = list.iter().map(|(_, b)| b.inside.iter().map(|&i| per_cell[usize::from(i)]).sum()).collect();
+    let mut all = vec![[0u32; 3]; counts.iter().sum()];
+    let mut rest = &mut all[..];
+    let mut parts = Vec::with_capacity(list.len());
+    for ((key, block), n) in list.iter().zip(counts) {
+        let (part, tail) = std::mem::take(&mut rest).split_at_mut(n);
+        rest = tail;
+        parts.push((key, block, part));
+    }
+    parts.into_par_iter().for_each(|(key, block, part)| {
+        // Blocks of the seven neighbours that own some of this one's vertices.
+        let near = std::array::from_fn(|n| {
+            let other = std::array::from_fn(|a| key[a] + (n >> a & 1) as i32);
+            index.get(&other).map(|&n| Owner { first: base[n], cells: &list[n].1.first })
+        });
+        triangles(field.lattice.is_left_handed(), &cases, &near, &points, block, part);
+    });
+    let mesh = TriMesh::new(points, all);
     let summary = PolygonizeSummary {
         cell: field.lattice.cell(),
         level: field.level,
@@ -277,12 +384,25 @@ fn join(field: &Field, mut blocks: BTreeMap<[i32; 3], Block>) -> Result<(TriMesh
 fn place(field: &Field, key: &[i32; 3], block: &mut Block) {
     block.first = vec![(0, 0); CELLS];
     for cell in (0..CELLS).filter(|&c| block.done[c]).collect::<Vec<_>>() {
-        let v = block.corner_values(cell);
         block.first[cell].0 = block.points.len() as u16;
+        if block.inside[cell] == 0 || block.inside[cell] == u8::MAX {
+            continue;
+        }
+        let v = block.corner_values(cell);
         let low = global(key, cell);
+        let at = local(cell);
         for c in (1..8).filter(|&c| (v[0] < 0.0) != (v[c] < 0.0)) {
-            let high = [low[0] + (c & 1) as i32, low[1] + (c >> 1 & 1) as i32, low[2] + (c >> 2) as i32];
-            let (p, n) = field.root(field.lattice.corner(low), field.lattice.corner(high), v[0], v[c]);
+            let step = [c & 1, c >> 1 & 1, c >> 2];
+            let high = [0, 1, 2].map(|a| low[a] + step[a] as i32);
+            // The value some steps along the edge's line, where the block surely has it: which corners of others are known
+            // depends on where the march began.
+            let along = |n: i64| {
+                let at: [i64; 3] = std::array::from_fn(|a| at[a] as i64 + n * step[a] as i64);
+                let inside = block.sampled && at.iter().all(|x| (0..=SIDE as i64).contains(x));
+                if inside { block.values[corner_slot(at[0] as usize, at[1] as usize, at[2] as usize)] } else { f64::NAN }
+            };
+            let start = guess(v[0], v[c], along(-1), along(2));
+            let (p, n) = field.root(field.lattice.corner(low), field.lattice.corner(high), v[0], v[c], start, block.sampled);
             block.first[cell].1 |= 1 << c;
             block.evaluations += n;
             block.points.push(p);
@@ -290,56 +410,78 @@ fn place(field: &Field, key: &[i32; 3], block: &mut Block) {
     }
 }
 
-fn triangles(
-    field: &Field,
-    blocks: &BTreeMap<[i32; 3], Block>,
-    base: &BTreeMap<[i32; 3], usize>,
-    points: &[Point],
-    key: &[i32; 3],
-    block: &Block,
-) -> Vec<[u32; 3]> {
-    let mut out = Vec::new();
-    let here = base[key];
-    // The vertex on the edge between two corners of a cell.
-    let vertex = |low: &[i32; 3], a: u8, b: u8| -> u32 {
-        let (a, b) = (a.min(b), a.max(b));
-        let start = std::array::from_fn(|x| low[x] + (a >> x & 1) as i32);
-        let (other, slot) = address(start);
-        let (owner, first) = if other == *key { (block, here) } else { (&blocks[&other], base[&other]) };
-        let (n, edges) = owner.first[slot];
-        let before = (edges & ((1u8 << (a ^ b)) - 1)).count_ones();
-        (first + n as usize) as u32 + before
-    };
-    let flipped = field.lattice.is_left_handed();
-    for cell in (0..CELLS).filter(|&c| block.done[c]) {
-        let v = block.corner_values(cell);
-        let n = v.iter().filter(|&&x| x < 0.0).count();
-        if n == 0 || n == 8 {
-            continue;
-        }
-        let low = global(key, cell);
-        for (tet, right_handed) in &TETS {
-            let mut order = [0u8; 4];
-            let mut negative = 0;
-            for &c in tet.iter().filter(|&&c| v[c as usize] < 0.0) {
-                order[negative] = c;
-                negative += 1;
-            }
-            let mut at = negative;
-            for &c in tet.iter().filter(|&&c| v[c as usize] >= 0.0) {
-                order[at] = c;
-                at += 1;
-            }
+/// The vertices that belong to a block: number of its first one and, per cell, of the cell's first and the mask of edges.
+struct Owner<'a> {
+    first: u32,
+    cells: &'a [(u16, u8)],
+}
+
+/// What to put in a tetrahedron of some signs: corner pairs of the edges with a vertex, three of them or four in a ring.
+#[derive(Clone, Copy, Default)]
+struct TetCase {
+    edges: [(u8, u8); 4],
+    len: u8,
+    /// Whether the ring turns the other way.
+    turned: bool,
+}
+
+/// By tetrahedron and by the signs of its corners, bit n set where the n-th is inside.
+fn cases() -> [[TetCase; 16]; 6] {
+    TETS.map(|(tet, right_handed)| {
+        std::array::from_fn(|signs| {
+            let mut order: Vec<u8> = (0..4).filter(|n| signs >> n & 1 == 1).map(|n| tet[n]).collect();
+            let negative = order.len();
+            order.extend((0..4).filter(|n| signs >> n & 1 == 0).map(|n| tet[n]));
             // Corners of a tetrahedron are listed in rising order: inversions tell the parity.
             let inversions = (0..4).flat_map(|x| (x + 1..4).map(move |y| (x, y))).filter(|&(x, y)| order[x] > order[y]).count();
-            let even = (inversions % 2 == 0) == *right_handed;
-            let [a, b, c, d] = order;
-            let mut push = |t: [u32; 3]| out.push(if even != flipped { t } else { [t[0], t[2], t[1]] });
-            match negative {
-                1 => push([vertex(&low, a, b), vertex(&low, a, c), vertex(&low, a, d)]),
-                3 => push([vertex(&low, a, d), vertex(&low, b, d), vertex(&low, c, d)]),
-                2 => {
-                    let q = [vertex(&low, a, c), vertex(&low, a, d), vertex(&low, b, d), vertex(&low, b, c)];
+            let [a, b, c, d] = [order[0], order[1], order[2], order[3]];
+            let (edges, len) = match negative {
+                1 => ([(a, b), (a, c), (a, d), (0, 0)], 3),
+                3 => ([(a, d), (b, d), (c, d), (0, 0)], 3),
+                2 => ([(a, c), (a, d), (b, d), (b, c)], 4),
+                _ => ([(0, 0); 4], 0),
+            };
+            let edges = edges.map(|(a, b): (u8, u8)| (a.min(b), a.max(b)));
+            TetCase { edges, len, turned: (inversions % 2 == 0) != right_handed }
+        })
+    })
+}
+
+/// The corners of a tetrahedron that are inside, a bit each, of those of its cell.
+#[inline]
+fn signs(tet: [u8; 4], inside: usize) -> usize {
+    (0..4).fold(0, |s, n| s | (inside >> tet[n] & 1) << n)
+}
+
+fn triangles(left_handed: bool, cases: &[[TetCase; 16]; 6], near: &[Option<Owner>; 8], points: &[Point], block: &Block, out: &mut [[u32; 3]]) {
+    let mut out = out.iter_mut();
+    // The vertex on the edge between two corners of a cell, `a` the lower one; its owner exists, as `follow` made it.
+    let vertex = |low: [usize; 3], (a, b): (u8, u8)| -> u32 {
+        let at: [usize; 3] = std::array::from_fn(|x| low[x] + usize::from(a >> x & 1));
+        let owner = at[0] / SIDE + 2 * (at[1] / SIDE) + 4 * (at[2] / SIDE);
+        let slot = at[0] % SIDE + SIDE * (at[1] % SIDE + SIDE * (at[2] % SIDE));
+        near[owner].as_ref().map_or(u32::MAX, |o| {
+            let (n, edges) = o.cells[slot];
+            o.first + u32::from(n) + (edges & ((1u8 << (a ^ b)) - 1)).count_ones()
+        })
+    };
+    for cell in (0..CELLS).filter(|&c| block.done[c]) {
+        let inside = usize::from(block.inside[cell]);
+        if inside == 0 || inside == usize::from(u8::MAX) {
+            continue;
+        }
+        let low = local(cell);
+        for ((tet, _), cases) in TETS.iter().zip(cases) {
+            let case = &cases[signs(*tet, inside)];
+            let mut push = |t: [u32; 3]| {
+                if let Some(to) = out.next() {
+                    *to = if case.turned == left_handed { t } else { [t[0], t[2], t[1]] };
+                }
+            };
+            match case.len {
+                3 => push([0, 1, 2].map(|n| vertex(low, case.edges[n]))),
+                4 => {
+                    let q = case.edges.map(|e| vertex(low, e));
                     let length = |x: u32, y: u32| (points[x as usize] - points[y as usize]).norm_squared();
                     if length(q[0], q[2]) <= length(q[1], q[3]) {
                         push([q[0], q[1], q[2]]);
@@ -353,5 +495,4 @@ fn triangles(
             }
         }
     }
-    out
 }

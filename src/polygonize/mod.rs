@@ -147,7 +147,7 @@ pub fn polygonize_from(
             cells.push([c[0] + n % 3 - 1, c[1] + n / 3 % 3 - 1, c[2] + n / 9 - 1]);
         }
     }
-    rayon::scope(|_| march::sweep(implicit, lattice, cells, level))
+    rayon::scope(|_| march::sweep(implicit, lattice, cells.into_iter(), level))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::labels::{Near, in_order};
+use super::energy::slot;
 use super::spline::weights;
 use crate::geometry::Vector;
 use crate::mask::Mask;
@@ -23,6 +24,9 @@ pub(super) const TERMS: [([usize; 3], f32); 10] = [
 
 /// Most coefficients of a chunk.
 pub(super) const CHUNK: usize = 12;
+
+/// A row of a neighbourhood that has gaps, or no room for a whole line behind it.
+pub(super) const APART: u32 = u32::MAX;
 
 /// Consecutive coefficients of a row.
 #[derive(Debug, Clone, Copy)]
@@ -83,6 +87,8 @@ pub(super) struct Band {
     /// The runs cut to at most [`CHUNK`] coefficients, and the first of each layer.
     pub chunks: Vec<Run>,
     pub chunk_layers: Vec<u32>,
+    /// Per chunk, where the ten rows of its neighbourhood begin that are whole, in the order of `energy::slot`; [`APART`] where not.
+    pub places: Vec<[u32; 10]>,
     /// First run of each row (y fastest), and the number of runs at the end.
     rows: Vec<u32>,
     /// First coefficient of each z layer, and their number at the end.
@@ -101,6 +107,7 @@ impl Band {
             runs: Vec::new(),
             chunks: Vec::new(),
             chunk_layers: Vec::with_capacity(dims[2] + 1),
+            places: Vec::new(),
             rows: Vec::with_capacity(dims[1] * dims[2] + 1),
             layers: Vec::with_capacity(dims[2] + 1),
             valid: Vec::new(),
@@ -151,6 +158,17 @@ impl Band {
             })
             .collect();
         band.valid = in_order(valid);
+        let room = band.len().saturating_sub(CHUNK + 4);
+        let place = |r: &Run, j: usize, k: usize| {
+            let at = band.place(r.x, r.y + j as i32, r.z + k as i32, r.len as i32 + 3);
+            at.filter(|&at| at as usize <= room).unwrap_or(APART)
+        };
+        let places = |r: &Run| {
+            let mut out = [APART; 10];
+            (0..4).for_each(|k| (0..4 - k).for_each(|j| out[slot(j, k)] = place(r, j, k)));
+            out
+        };
+        band.places = band.chunks.par_iter().map(places).collect();
         band
     }
 
@@ -168,6 +186,7 @@ impl Band {
         };
         let kept: Vec<bool> = self.chunks.par_iter().map(touches).collect();
         let chunks: Vec<Run> = self.chunks.iter().zip(&kept).filter(|(_, k)| **k).map(|(c, _)| *c).collect();
+        self.places = self.places.iter().zip(&kept).filter(|(_, k)| **k).map(|(c, _)| *c).collect();
         for c in &chunks {
             layers[c.z as usize + 1] += 1;
         }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::band::{Band, CHUNK, Run, TERMS};
+use super::band::{APART, Band, CHUNK, TERMS};
 
 /// A row of a neighbourhood: [`CHUNK`] nodes and four more.
 pub(super) type Line = [f32; CHUNK + 4];
@@ -81,26 +81,48 @@ pub(super) fn unacross(rows: &mut [Line; 10]) {
     }
 }
 
-/// Of the coefficients from a chunk on, the differences across the rows.
+/// Of the coefficients from a chunk on, the differences across the rows. What lies behind the chunk's own is of no meaning.
 #[inline(always)]
-pub(super) fn differences(band: &Band, x: &[f32], r: &Run) -> [Line; 10] {
+pub(super) fn differences(band: &Band, x: &[f32], chunk: usize) -> [Line; 10] {
+    let (r, places) = (&band.chunks[chunk], &band.places[chunk]);
     let mut rows = [ZERO; 10];
     for k in 0..4usize {
         for j in 0..4 - k {
-            band.fetch(x, r.y + j as i32, r.z + k as i32, r.x, &mut rows[slot(j, k)][..r.len as usize + 3]);
+            let (line, at) = (&mut rows[slot(j, k)], places[slot(j, k)]);
+            if at == APART {
+                band.fetch(x, r.y + j as i32, r.z + k as i32, r.x, &mut line[..r.len as usize + 3]);
+            } else {
+                line.copy_from_slice(&x[at as usize..at as usize + CHUNK + 4]);
+            }
         }
     }
     across(&mut rows);
     rows
 }
 
+/// Adds the rows of a chunk's neighbourhood, 0 behind its own, to `part`, which starts at the coefficient `first`.
+#[inline(always)]
+pub(super) fn add(band: &Band, part: &mut [f32], first: usize, chunk: usize, rows: &[Line; 10]) {
+    let (r, places) = (&band.chunks[chunk], &band.places[chunk]);
+    for k in 0..4usize {
+        for j in 0..4 - k {
+            let (line, at) = (&rows[slot(j, k)], (places[slot(j, k)] as usize).wrapping_sub(first));
+            match part.get_mut(at..at.saturating_add(CHUNK + 4)) {
+                Some(to) => (0..CHUNK + 4).for_each(|i| to[i] += line[i]),
+                None => band.add(part, first, r.y + j as i32, r.z + k as i32, r.x, &line[..r.len as usize + 3]),
+            }
+        }
+    }
+}
+
 /// The squared differences with their weights, summed at the coefficient where they start.
 pub(super) fn density(band: &Band, terms: &[f32; 10], x: &[f32]) -> Vec<f32> {
-    let parts: Vec<[f32; CHUNK]> = band
-        .chunks
-        .par_iter()
-        .map(|r| {
-            let mut rows = differences(band, x, r);
+    let parts: Vec<[f32; CHUNK]> = (0..band.chunks.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|chunk| {
+            let r = &band.chunks[chunk];
+            let mut rows = differences(band, x, chunk);
             let mut out = [0.0f32; CHUNK];
             let valid = &band.valid[r.start as usize..(r.start + r.len) as usize];
             for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {

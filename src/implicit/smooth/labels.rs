@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::band::{Band, Nodes};
 use super::spline;
-use crate::mask::Mask;
+use crate::mask::{Mask, interface};
 
 /// A voxel with a face neighbour of the other label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,29 +16,7 @@ pub(super) struct Near {
 
 /// The boundary voxels of both labels, in the order of the array; beyond the mask lies background.
 pub(super) fn boundary(mask: &Mask) -> Vec<Near> {
-    let [nx, ny, nz] = mask.grid.dims.map(|n| n as i64);
-    let slabs: Vec<Vec<Near>> = (-1..=nz)
-        .into_par_iter()
-        .map(|k| {
-            let mut out = Vec::new();
-            for j in -1..=ny {
-                for i in -1..=nx {
-                    let here = mask.at(i, j, k);
-                    let differs = |d: [i64; 3]| mask.at(i + d[0], j + d[1], k + d[2]) != here;
-                    let mut axes = 0;
-                    for a in 0..3 {
-                        let step: [i64; 3] = std::array::from_fn(|b| i64::from(a == b));
-                        axes |= u8::from(differs(step) || differs(step.map(|s| -s))) << a;
-                    }
-                    if axes != 0 {
-                        out.push(Near { voxel: [i as i16, j as i16, k as i16], axes });
-                    }
-                }
-            }
-            out
-        })
-        .collect();
-    in_order(slabs)
+    interface(mask).into_iter().map(|(v, axes)| Near { voxel: v.map(|v| v as i16), axes }).collect()
 }
 
 /// Joins what threads made piece by piece.
@@ -79,9 +57,15 @@ pub(super) struct Labels {
     pub cells: Vec<Cell>,
     /// First cell whose lowest node lies in a layer, and the number of cells at the end.
     pub layers: Vec<u32>,
-    /// Weights of the four nodes for value and derivative (per smallest spacing), by phase and axis.
-    taps: [[[[f32; 4]; 2]; 3]; 4],
+    /// By the phases along the three axes, weights of a cell's coefficients.
+    taps: Vec<Taps>,
 }
+
+/// Values of the 64 coefficients of a cell, x fastest: what fits the registers of any processor.
+pub(super) type Block = [f32; 64];
+
+/// Weights of a cell's coefficients: for the value and for the derivatives along x, y, z, per smallest spacing.
+pub(super) type Taps = [Block; 4];
 
 impl Labels {
     /// The boundary voxels `near` and their neighbours, as far as the band carries the spline there.
@@ -155,11 +139,10 @@ impl Labels {
         self.cells[c].first as usize..end
     }
 
-    /// Weights of value and derivative along each axis.
-    #[inline]
-    pub fn taps(&self, label: usize) -> [&[[f32; 4]; 2]; 3] {
-        let phase = self.labels[label].phase;
-        [0, 1, 2].map(|a| &self.taps[(phase >> (2 * a) & 3) as usize][a])
+    /// Weights of a label in its cell.
+    #[inline(always)]
+    pub fn taps(&self, label: usize) -> &Taps {
+        &self.taps[usize::from(self.labels[label].phase)]
     }
 
     /// Value and gradient (per smallest spacing) of the spline at every label.
@@ -171,19 +154,8 @@ impl Labels {
                 let block = gather(c, &self.cells[cell].rows);
                 self.of_cell(cell)
                     .map(|l| {
-                        let [x, y, z] = self.taps(l);
-                        let mut out = [0.0f32; 4];
-                        for k in 0..4 {
-                            for j in 0..4 {
-                                let row = &block[j + 4 * k];
-                                let (s, d) = (dot4(&x[0], row), dot4(&x[1], row));
-                                out[0] += y[0][j] * z[0][k] * s;
-                                out[1] += y[0][j] * z[0][k] * d;
-                                out[2] += y[1][j] * z[0][k] * s;
-                                out[3] += y[0][j] * z[1][k] * s;
-                            }
-                        }
-                        out
+                        let t = self.taps(l);
+                        [dot(&t[0], &block), dot(&t[1], &block), dot(&t[2], &block), dot(&t[3], &block)]
                     })
                     .collect()
             })
@@ -193,27 +165,37 @@ impl Labels {
 }
 
 /// The coefficients of a cell.
-#[inline]
-pub(super) fn gather(c: &[f32], rows: &[u32; 16]) -> [[f32; 4]; 16] {
-    let mut out = [[0.0; 4]; 16];
-    for (row, &at) in out.iter_mut().zip(rows) {
+#[inline(always)]
+pub(super) fn gather(c: &[f32], rows: &[u32; 16]) -> Block {
+    let mut out = [0.0; 64];
+    for (row, &at) in out.chunks_exact_mut(4).zip(rows) {
         row.copy_from_slice(&c[at as usize..at as usize + 4]);
     }
     out
 }
 
+/// Their product, summed in eight lanes.
 #[inline(always)]
-fn dot4(a: &[f32; 4], b: &[f32; 4]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + (a[2] * b[2] + a[3] * b[3])
+pub(super) fn dot(a: &Block, b: &Block) -> f32 {
+    let mut s = [0.0f32; 8];
+    for n in 0..8 {
+        for i in 0..8 {
+            s[i] += a[8 * n + i] * b[8 * n + i];
+        }
+    }
+    ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 }
 
-/// Weights of the four nodes for value and derivative, by quarters of the way from one node to the next.
-fn taps(nodes: &Nodes, scale: [f32; 3]) -> [[[[f32; 4]; 2]; 3]; 4] {
-    std::array::from_fn(|quarter| {
-        let t = quarter as f64 / 4.0;
-        std::array::from_fn(|a| {
-            let slope = f64::from(scale[a]) / f64::from(nodes.step);
-            [spline::weights(t).map(|w| w as f32), spline::slopes(t).map(|w| (w * slope) as f32)]
-        })
-    })
+/// By the phases, bits 2a and 2a+1 the quarters of the way from one node to the next along axis a.
+fn taps(nodes: &Nodes, scale: [f32; 3]) -> Vec<Taps> {
+    let axis = |a: usize, phases: usize| {
+        let t = (phases >> (2 * a) & 3) as f64 / 4.0;
+        let slope = f64::from(scale[a]) / f64::from(nodes.step);
+        [spline::weights(t).map(|w| w as f32), spline::slopes(t).map(|w| (w * slope) as f32)]
+    };
+    let of = |phases: usize| {
+        let [x, y, z] = [axis(0, phases), axis(1, phases), axis(2, phases)];
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]].map(|o| std::array::from_fn(|n| x[o[0]][n % 4] * y[o[1]][n / 4 % 4] * z[o[2]][n / 16]))
+    };
+    (0..64).map(of).collect()
 }

@@ -111,10 +111,13 @@ impl Coarse<'_> {
         let voxel = |l: &usize| self.level.labels.labels[*l].voxel;
         let mut voxels: BTreeSet<[i16; 3]> = hard.iter().map(voxel).collect();
         let mut all = self.patch(&voxels);
+
         let problem = Problem { band: &all.level.band, labels: &all.level.labels, weights: self.weights, frozen: &all.frozen };
         summary.products[1] += problem.newton(&mut all.c, &[], self.effort);
+
         let mut margins = BTreeMap::new();
         let mut left = self.must_keep(Some(&all));
+
         for _ in 0..rounds {
             if left.is_empty() {
                 break;
@@ -126,15 +129,19 @@ impl Coarse<'_> {
                 let before = std::mem::replace(&mut all, self.patch(&voxels));
                 all.take(&before, true);
             }
+
             let mut part = self.patch(&new);
             part.take(&all, false);
+
             let labels = &part.level.labels;
             let margin: Vec<f32> = labels.labels.iter().map(|l| margins.get(&l.voxel).copied().unwrap_or(0.0)).collect();
             let problem = Problem { band: &part.level.band, labels, weights: self.weights, frozen: &part.frozen };
             let effort = Effort { products: 2 * self.effort.products, ..self.effort };
             summary.products[1] += problem.newton(&mut part.c, &margin, effort);
+
             all.take(&part, true);
             left = self.must_keep(Some(&all));
+
         }
         summary.refined = all.frozen.iter().filter(|f| !**f).count();
         summary.repaired = margins.len();

@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::band::{Band, CHUNK, Run, TERMS};
+use super::band::{Band, CHUNK, TERMS};
 use super::energy::{self, ZERO, difference, differences, slot, unacross, undifference};
-use super::labels::{Labels, gather};
+use super::labels::{Block, Labels, Taps, dot, gather};
 
 /// Layers of a slab: slabs of one parity are worked on at the same time. Products reach from a node to three layers
 /// above, so that slabs of one parity touch no common layer.
@@ -86,32 +86,30 @@ impl Quadratic<'_> {
     /// out = H x
     fn apply(&self, x: &[f32], out: &mut [f32]) {
         out.par_chunks_mut(1 << 16).for_each(|c| c.fill(0.0));
-        let Problem { band, labels, .. } = *self.problem;
-        slabs(band, out, |z, part, first| {
-            for r in &band.chunks[band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize] {
-                self.smoothness(x, r, part, first);
-            }
-            for c in labels.moving(&z) {
-                self.cell(x, c, part, first);
-            }
-        });
+        let arch = pulp::Arch::new();
+        slabs(self.problem.band, out, |layers, part, first| arch.dispatch(Product { form: self, x, layers, part, first }));
     }
 
     /// The regulariser's differences that start in a chunk.
-    fn smoothness(&self, x: &[f32], r: &Run, part: &mut [f32], first: usize) {
+    #[inline(always)]
+    fn smoothness(&self, x: &[f32], chunk: usize, part: &mut [f32], first: usize) {
         let band = self.problem.band;
+        let r = &band.chunks[chunk];
         let (n, at) = (r.len as usize, r.start as usize);
-        let mut rows = differences(band, x, r);
-        let mut valid = [0u32; CHUNK];
-        valid.iter_mut().zip(&band.valid[at..at + n]).for_each(|(v, b)| *v = u32::from(*b));
+        let mut rows = differences(band, x, chunk);
         let mut share = [0.0f32; CHUNK];
         share[..n].copy_from_slice(&self.share[at..at + n]);
+        let valid = &band.valid[at..at + n];
+        let whole = valid.iter().all(|v| *v == (1 << TERMS.len()) - 1);
         for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
             for _ in 0..orders[0] {
                 difference(line);
             }
             for i in 0..CHUNK {
-                line[i] *= (valid[i] >> t & 1) as f32 * self.terms[t] * share[i];
+                line[i] *= self.terms[t] * share[i];
+            }
+            if !whole {
+                line.iter_mut().zip(valid).for_each(|(d, v)| *d *= f32::from(v >> t & 1));
             }
             line[CHUNK..].fill(0.0);
             for _ in 0..orders[0] {
@@ -119,48 +117,28 @@ impl Quadratic<'_> {
             }
         }
         unacross(&mut rows);
-        for k in 0..4usize {
-            for j in 0..4 - k {
-                band.add(part, first, r.y + j as i32, r.z + k as i32, r.x, &rows[slot(j, k)][..n + 3]);
-            }
-        }
+        energy::add(band, part, first, chunk, &rows);
     }
 
     /// The data of a cell.
+    #[inline(always)]
     fn cell(&self, x: &[f32], c: usize, part: &mut [f32], first: usize) {
         let labels = self.problem.labels;
         let rows = &labels.cells[c].rows;
-        let block = gather(x, rows);
-        let mut sum = [[0.0f32; 4]; 16];
+        let mut block = None;
+        let mut sum = [0.0f32; 64];
         for l in labels.of_cell(c) {
-            let Datum { curvature, normal: n } = self.data[l];
-            if curvature == 0.0 && n == [0.0; 3] {
+            let Datum { curvature, normal: n } = &self.data[l];
+            if *curvature == 0.0 && *n == [0.0; 3] {
                 continue;
             }
-            let [tx, ty, tz] = labels.taps(l);
-            let along = tx[1].map(|w| n[0] * w);
-            // Weights of a row's x-sum for the value (v) and for the derivative along n (g).
-            let mut v = [0.0f32; 4];
-            let mut g = [0.0f32; 4];
-            for k in 0..4 {
-                let (yv, yd) = (tz[0][k], n[2] * tz[1][k]);
-                for j in 0..4 {
-                    let row = &block[j + 4 * k];
-                    let a = ty[0][j] * yv;
-                    let b = n[1] * ty[1][j] * yv + ty[0][j] * yd;
-                    for i in 0..4 {
-                        v[i] += a * row[i];
-                        g[i] += b * row[i];
-                    }
-                }
-            }
-            let p = curvature * (0..4).map(|i| tx[0][i] * v[i]).sum::<f32>();
-            let q = (0..4).map(|i| tx[0][i] * g[i] + along[i] * v[i]).sum::<f32>();
-            spread(&mut sum, [tx, ty, tz], p, q, &n);
+            let block = block.get_or_insert_with(|| gather(x, rows));
+            let taps = labels.taps(l);
+            let along = along(taps, n);
+            spread(&mut sum, &taps[0], &along, curvature * dot(&taps[0], block), dot(&along, block));
         }
-        for (row, &at) in sum.iter().zip(rows) {
-            let at = at as usize - first;
-            part[at..at + 4].iter_mut().zip(row).for_each(|(o, s)| *o += s);
+        if block.is_some() {
+            scatter(part, first, rows, &sum);
         }
     }
 
@@ -170,57 +148,95 @@ impl Quadratic<'_> {
         let binomial: [&[f32]; 4] = [&[1.0], &[1.0, 1.0], &[1.0, 4.0, 1.0], &[1.0, 9.0, 9.0, 1.0]];
         let mut out = vec![0.0f32; band.len()];
         slabs(band, &mut out, |z, part, first| {
-            for r in &band.chunks[band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize] {
+            for chunk in band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize {
+                let r = &band.chunks[chunk];
                 let (n, at) = (r.len as usize, r.start as usize);
+                let mut rows = [ZERO; 10];
                 for (t, (o, _)) in TERMS.iter().enumerate() {
                     let mut line = ZERO;
                     for (i, valid) in band.valid[at..at + n].iter().enumerate() {
                         for (k, w) in binomial[o[0]].iter().enumerate() {
-                            line[i + k] += (valid >> t & 1) as f32 * self.terms[t] * w * self.share[at + i];
+                            line[i + k] += f32::from(valid >> t & 1) * self.terms[t] * w * self.share[at + i];
                         }
                     }
                     for (k, wk) in binomial[o[2]].iter().enumerate() {
                         for (j, wj) in binomial[o[1]].iter().enumerate() {
-                            let scaled = line.map(|v| v * wj * wk);
-                            band.add(part, first, r.y + j as i32, r.z + k as i32, r.x, &scaled[..n + 3]);
+                            let w = wj * wk;
+                            rows[slot(j, k)].iter_mut().zip(&line).for_each(|(s, v)| *s += w * v);
                         }
                     }
                 }
+                energy::add(band, part, first, chunk, &rows);
             }
             for c in labels.moving(&z) {
+                let mut sum = [0.0f32; 64];
                 for l in labels.of_cell(c) {
-                    let Datum { curvature, normal: n } = self.data[l];
-                    let [x, y, z] = labels.taps(l);
-                    for (row, &at) in labels.cells[c].rows.iter().enumerate() {
-                        let (j, k) = (row % 4, row / 4);
-                        for i in 0..4 {
-                            let v = x[0][i] * y[0][j] * z[0][k];
-                            let g = n[0] * x[1][i] * y[0][j] * z[0][k] + n[1] * x[0][i] * y[1][j] * z[0][k] + n[2] * x[0][i] * y[0][j] * z[1][k];
-                            part[at as usize - first + i] += curvature * v * v + g * g;
-                        }
+                    let Datum { curvature, normal: n } = &self.data[l];
+                    if *curvature == 0.0 && *n == [0.0; 3] {
+                        continue;
+                    }
+                    let value = &labels.taps(l)[0];
+                    let along = along(labels.taps(l), n);
+                    for i in 0..64 {
+                        sum[i] += curvature * value[i] * value[i] + along[i] * along[i];
                     }
                 }
+                scatter(part, first, &labels.cells[c].rows, &sum);
             }
         });
         out
     }
 }
 
-/// Adds the effect of `p` on the value and of `q` on the derivative along `n` to the coefficients of a cell.
-#[inline(always)]
-fn spread(sum: &mut [[f32; 4]; 16], [x, y, z]: [&[[f32; 4]; 2]; 3], p: f32, q: f32, n: &[f32; 3]) {
-    let line: [f32; 4] = std::array::from_fn(|i| p * x[0][i] + q * n[0] * x[1][i]);
-    let cross = x[0].map(|w| q * w);
-    for k in 0..4 {
-        let (v, d) = (z[0][k], n[2] * z[1][k]);
-        for j in 0..4 {
-            let a = y[0][j] * v;
-            let b = n[1] * y[1][j] * v + y[0][j] * d;
-            let row = &mut sum[j + 4 * k];
-            for i in 0..4 {
-                row[i] += a * line[i] + b * cross[i];
-            }
+/// What some layers of the band add to a product with the system's matrix; compiled for several kinds of processor.
+struct Product<'a, 'b> {
+    form: &'a Quadratic<'b>,
+    x: &'a [f32],
+    layers: std::ops::Range<usize>,
+    part: &'a mut [f32],
+    first: usize,
+}
+
+impl pulp::WithSimd for Product<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Product { form, x, layers, part, first } = self;
+        let Problem { band, labels, .. } = *form.problem;
+        for chunk in band.chunk_layers[layers.start] as usize..band.chunk_layers[layers.end] as usize {
+            form.smoothness(x, chunk, part, first);
         }
+        for c in labels.moving(&layers) {
+            form.cell(x, c, part, first);
+        }
+    }
+}
+
+/// Weights of a cell's coefficients for the derivative along `n`.
+#[inline(always)]
+fn along(taps: &Taps, n: &[f32; 3]) -> Block {
+    let mut out = [0.0; 64];
+    for i in 0..64 {
+        out[i] = n[0] * taps[1][i] + n[1] * taps[2][i] + n[2] * taps[3][i];
+    }
+    out
+}
+
+/// Adds the rows of a cell to `part`, which starts at the coefficient `first`.
+#[inline(always)]
+fn scatter(part: &mut [f32], first: usize, rows: &[u32; 16], sum: &Block) {
+    for (row, &at) in sum.chunks_exact(4).zip(rows) {
+        let at = at as usize - first;
+        part[at..at + 4].iter_mut().zip(row).for_each(|(o, s)| *o += s);
+    }
+}
+
+/// Adds the effect of `p` on the value and of `q` on the derivative to the coefficients of a cell.
+#[inline(always)]
+fn spread(sum: &mut Block, value: &Block, along: &Block, p: f32, q: f32) {
+    for i in 0..64 {
+        sum[i] += p * value[i] + q * along[i];
     }
 }
 
@@ -241,7 +257,7 @@ fn hazard(z: f64) -> f64 {
     phi / if z > 0.0 { 1.0 - tail } else { tail }
 }
 
-fn dot(a: &[f32], b: &[f32]) -> f64 {
+fn inner(a: &[f32], b: &[f32]) -> f64 {
     let parts: Vec<f64> = a
         .par_chunks(4096)
         .zip(b.par_chunks(4096))
@@ -316,15 +332,13 @@ impl<'a> Problem<'a> {
         let labels = self.labels;
         slabs(self.band, out, |z, part, first| {
             for c in labels.moving(&z) {
-                let mut sum = [[0.0f32; 4]; 16];
+                let mut sum = [0.0f32; 64];
                 for l in labels.of_cell(c) {
                     let (p, q, n) = f(l);
-                    spread(&mut sum, labels.taps(l), p, q, &n);
+                    let taps = labels.taps(l);
+                    spread(&mut sum, &taps[0], &along(taps, &n), p, q);
                 }
-                for (row, &at) in sum.iter().zip(&labels.cells[c].rows) {
-                    let at = at as usize - first;
-                    part[at..at + 4].iter_mut().zip(row).for_each(|(o, s)| *o += s);
-                }
+                scatter(part, first, &labels.cells[c].rows, &sum);
             }
         });
     }
@@ -387,11 +401,11 @@ fn conjugate_gradients(h: &Quadratic, g: &[f32], effort: Effort) -> (Vec<f32>, u
     let mut z: Vec<f32> = r.iter().zip(&inverse).map(|(r, d)| r * d).collect();
     let mut p = z.clone();
     let mut q = vec![0.0f32; n];
-    let mut rz = dot(&r, &z);
+    let mut rz = inner(&r, &z);
     let goal = rz * effort.tolerance * effort.tolerance;
     for k in 0..effort.products {
         h.apply(&p, &mut q);
-        let curvature = dot(&p, &q);
+        let curvature = inner(&p, &q);
         if curvature.is_nan() || curvature <= 0.0 {
             return (x, k);
         }
@@ -402,7 +416,7 @@ fn conjugate_gradients(h: &Quadratic, g: &[f32], effort: Effort) -> (Vec<f32>, u
             .zip(r.par_chunks(4096))
             .zip(inverse.par_chunks(4096))
             .for_each(|((z, r), d)| z.iter_mut().zip(r).zip(d).for_each(|((z, r), d)| *z = r * d));
-        let next = dot(&r, &z);
+        let next = inner(&r, &z);
         if next <= goal {
             return (x, k + 1);
         }

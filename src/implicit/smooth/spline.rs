@@ -9,6 +9,9 @@ pub(super) const TILE: usize = 8;
 pub(super) const NODES: usize = TILE + 3;
 pub(super) const TILE_LEN: usize = NODES * NODES * NODES;
 
+/// From the first to the last of a cell's coefficients.
+const REACH: usize = 3 * (1 + NODES + NODES * NODES) + 1;
+
 /// What a tile holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Tile {
@@ -29,6 +32,12 @@ pub(super) struct TiledSpline {
     pub coefficients: Vec<f32>,
     /// Value outside all tiles.
     pub outside: f64,
+}
+
+/// The tile of a node coordinate along an axis.
+#[inline]
+pub(super) fn tile_of(x: f64) -> i64 {
+    (x.floor() as i64).div_euclid(TILE as i64)
 }
 
 #[inline]
@@ -55,39 +64,34 @@ impl TiledSpline {
         TiledSpline { tiles: [0; 3], table: Vec::new(), coefficients: Vec::new(), outside: 0.0 }
     }
 
-    /// Whether there is a tile at node coordinates `x`.
-    #[inline]
-    pub fn holds(&self, x: &Vector) -> bool {
-        let mut tile = [0usize; 3];
-        for a in 0..3 {
-            if !(x[a] >= 0.0 && x[a] < (self.tiles[a] * TILE) as f64) {
-                return false;
-            }
-            tile[a] = x[a] as usize / TILE;
+    /// The tile and the cell at node coordinates `x`.
+    #[inline(always)]
+    fn tile(&self, x: &Vector) -> Option<(Tile, [usize; 3])> {
+        if !(0..3).all(|a| x[a] >= 0.0 && x[a] < (self.tiles[a] * TILE) as f64) {
+            return None;
         }
-        self.table[tile[0] + self.tiles[0] * (tile[1] + self.tiles[1] * tile[2])] != Tile::Absent
+        let cell = [x[0] as usize, x[1] as usize, x[2] as usize];
+        let tile = self.table[cell[0] / TILE + self.tiles[0] * (cell[1] / TILE + self.tiles[1] * (cell[2] / TILE))];
+        Some((tile, cell))
+    }
+
+    /// Whether there is a tile at node coordinates `x`.
+    #[inline(always)]
+    pub fn holds(&self, x: &Vector) -> bool {
+        self.tile(x).is_some_and(|(tile, _)| tile != Tile::Absent)
     }
 
     /// The 64 coefficients' first place and the fractions within the cell; `Err` is the constant there.
-    #[inline]
-    fn locate(&self, x: &Vector) -> Result<(&[f32], [f64; 3]), f64> {
-        let mut tile = [0usize; 3];
-        let mut cell = [0usize; 3];
-        let mut t = [0.0; 3];
-        for a in 0..3 {
-            let f = x[a].floor();
-            if !(f >= 0.0 && f < (self.tiles[a] * TILE) as f64) {
-                return Err(self.outside);
-            }
-            let i = f as usize;
-            (tile[a], cell[a], t[a]) = (i / TILE, i % TILE, x[a] - f);
-        }
-        match self.table[tile[0] + self.tiles[0] * (tile[1] + self.tiles[1] * tile[2])] {
+    #[inline(always)]
+    fn locate(&self, x: &Vector) -> Result<(&[f32; REACH], [f64; 3]), f64> {
+        let (tile, cell) = self.tile(x).ok_or(self.outside)?;
+        match tile {
             Tile::Absent => Err(self.outside),
             Tile::Constant(v) => Err(v as f64),
             Tile::Stored(n) => {
-                let first = n as usize * TILE_LEN + cell[0] + NODES * (cell[1] + NODES * cell[2]);
-                Ok((&self.coefficients[first..first + 3 * (1 + NODES + NODES * NODES) + 1], t))
+                let first = n as usize * TILE_LEN + cell[0] % TILE + NODES * (cell[1] % TILE + NODES * (cell[2] % TILE));
+                let t = [0, 1, 2].map(|a| x[a] - cell[a] as f64);
+                self.coefficients[first..].first_chunk().map(|c| (c, t)).ok_or(self.outside)
             }
         }
     }
@@ -99,16 +103,67 @@ impl TiledSpline {
             Err(v) => return v,
         };
         let (wx, wy, wz) = (weights(t[0]), weights(t[1]), weights(t[2]));
-        let mut sum = 0.0;
+        let mut sum = [0.0; 4];
         for k in 0..4 {
-            let mut plane = 0.0;
             for j in 0..4 {
+                let w = wy[j] * wz[k];
                 let r = &c[NODES * (j + NODES * k)..][..4];
-                plane += wy[j] * (wx[0] * r[0] as f64 + wx[1] * r[1] as f64 + wx[2] * r[2] as f64 + wx[3] * r[3] as f64);
+                for i in 0..4 {
+                    sum[i] += w * f64::from(r[i]);
+                }
             }
-            sum += wz[k] * plane;
         }
-        sum
+        wx[0] * sum[0] + wx[1] * sum[1] + wx[2] * sum[2] + wx[3] * sum[3]
+    }
+
+    /// Values at the points of a lattice, given by their node coordinates along each axis, all in one tile, into `out`, a
+    /// cube of edge `size`, from the place `at` on.
+    pub fn fill(&self, x: [&[f64]; 3], at: [usize; 3], size: usize, out: &mut [f64]) {
+        let row = |j: usize, k: usize| at[0] + size * (at[1] + j + size * (at[2] + k));
+        let (c, places) = match self.locate(&Vector::new(x[0][0], x[1][0], x[2][0])) {
+            Err(v) => {
+                for k in 0..x[2].len() {
+                    for j in 0..x[1].len() {
+                        out[row(j, k)..row(j, k) + x[0].len()].fill(v);
+                    }
+                }
+                return;
+            }
+            Ok(_) => {
+                let tile = x.map(|x| tile_of(x[0]) as usize);
+                let Tile::Stored(n) = self.table[tile[0] + self.tiles[0] * (tile[1] + self.tiles[1] * tile[2])] else { return };
+                let place = |x: &f64| (x.floor() as usize % TILE, weights(x - x.floor()));
+                let places = x.map(|x| x.iter().map(place).collect::<Vec<(usize, [f64; 4])>>());
+                (&self.coefficients[n as usize * TILE_LEN..][..TILE_LEN], places)
+            }
+        };
+        let nodes = |a: usize| {
+            let cells = places[a].iter().map(|p| p.0);
+            cells.clone().min().unwrap_or(0)..cells.max().unwrap_or(0) + 4
+        };
+        let (nx, ny) = (nodes(0), nodes(1));
+        // Along z, then y, then x: each sum serves all points that share it.
+        let mut plane = [[0.0f64; NODES]; NODES];
+        for (k, (z, wz)) in places[2].iter().enumerate() {
+            for j in ny.clone() {
+                let rows: [&[f32]; 4] = std::array::from_fn(|k| &c[NODES * (j + NODES * (z + k))..][nx.clone()]);
+                let sums = &mut plane[j][nx.clone()];
+                for i in 0..sums.len() {
+                    sums[i] = wz[0] * f64::from(rows[0][i]) + wz[1] * f64::from(rows[1][i]) + wz[2] * f64::from(rows[2][i]) + wz[3] * f64::from(rows[3][i]);
+                }
+            }
+            for (j, (y, wy)) in places[1].iter().enumerate() {
+                let mut line = [0.0f64; NODES];
+                for i in nx.clone() {
+                    line[i] = wy[0] * plane[*y][i] + wy[1] * plane[y + 1][i] + wy[2] * plane[y + 2][i] + wy[3] * plane[y + 3][i];
+                }
+                let to = &mut out[row(j, k)..row(j, k) + x[0].len()];
+                for (v, (x, wx)) in to.iter_mut().zip(&places[0]) {
+                    let c = &line[*x..x + 4];
+                    *v = wx[0] * c[0] + wx[1] * c[1] + wx[2] * c[2] + wx[3] * c[3];
+                }
+            }
+        }
     }
 
     /// Value and gradient with respect to node coordinates.
