@@ -87,7 +87,7 @@ pub struct Summary {
 ///
 /// Vertices of the result lie on their carriers (the implicit; rims on the curve and in the plane to rounding). The
 /// surface stays a closed manifold with the same components and genus. Triangle quality is high but has no bound:
-/// [`super::angle_repair`] gives one. Vertices that survive keep their order.
+/// [`super::angle_repair`] gives one. With a region vertices that survive keep their order; without one ids follow a walk.
 ///
 /// # Errors
 /// [`Error::NotManifold`] for input that is not closed, oriented and 2-manifold; [`Error::BadSize`] where the field
@@ -119,6 +119,9 @@ fn run(s: &mut Surface, options: &IsotropicOptions, summary: &mut Summary) {
         let (fewer, more) = space_rims(s, factor);
         summary.collapses += fewer;
         summary.splits += more;
+        if options.region.is_none() {
+            s.sort_by_walk();
+        }
         summary.flips += flip_for_valence(s);
         if 2 * i >= options.iterations {
             summary.flips += anneal(s, 3);

@@ -145,6 +145,16 @@ impl<'a> Surface<'a> {
             return;
         }
         let old = self.mesh.compact();
+        self.follow(&old);
+    }
+
+    /// Gives ids in the order of a walk over the surface; see [`HalfEdgeMesh::sort_by_walk`].
+    pub fn sort_by_walk(&mut self) {
+        let old = self.mesh.sort_by_walk();
+        self.follow(&old);
+    }
+
+    fn follow(&mut self, old: &[u32]) {
         self.kind = old.iter().map(|&v| self.kind[v as usize]).collect();
         self.normal = old.iter().map(|&v| self.normal[v as usize]).collect();
         self.size = old.iter().map(|&v| self.size[v as usize]).collect();
