@@ -365,14 +365,23 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
     let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
     let mut implicit = clock.run("reconstruct", || reconstruct::reconstruct(case, source, &mask, report), |_| String::new())?;
     let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
-    let topology = mesh::topology::check(&surface);
-    if !options::guarded(case, source) && (topology.euler, topology.components) != (2 * wanted.euler, wanted.components) {
-        // The guard costs smoothness where it acts; it is taken where the fit alone has another topology than the mask.
-        context.progress.explain("the fit has another topology than the mask: it is guarded by the mask's boundary");
-        let boundary = MaskBoundary::new(&mask, &GuardOptions::default()).ok_or(Error::EmptyComponent)?;
+    // The guard costs smoothness where it acts: it is taken where the fit alone has another topology than the mask, and
+    // drawn narrower where its band still lets sheets meet.
+    let mut guards = GuardOptions::default().narrower();
+    if options::guarded(case, source) {
+        guards.next();
+    }
+    for guard in guards {
+        let topology = mesh::topology::check(&surface);
+        if (topology.euler, topology.components) == (2 * wanted.euler, wanted.components) {
+            break;
+        }
+        context.progress.explain(&format!("the surface has another topology than the mask: it is held within {:.2} voxel diagonals of the mask's boundary", guard.band));
+        let boundary = MaskBoundary::new(&mask, &guard).ok_or(Error::EmptyComponent)?;
         implicit = Box::new(Guarded::new(implicit, boundary));
         (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
         report.put_in("reconstruction", "guarded", &true);
+        report.put_in("reconstruction", "guard", &guard);
     }
     let polygons = surface;
     report.put_in("reconstruction", "polygonizer", &summary);

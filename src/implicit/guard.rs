@@ -29,6 +29,15 @@ impl Default for GuardOptions {
     }
 }
 
+impl GuardOptions {
+    /// This guard and ever narrower ones, down to an eighth of its band, where hardly more than the mask's own boundary
+    /// is left and with it the mask's topology.
+    pub fn narrower(&self) -> impl Iterator<Item = GuardOptions> + use<> {
+        let GuardOptions { band, share } = *self;
+        [1.0, 0.5, 0.25, 0.125].into_iter().map(move |f| GuardOptions { band: f * band, share: f * share })
+    }
+}
+
 /// The mask's voxel-face boundary and the width of the band round it that the wall may use.
 #[derive(Debug, Clone)]
 pub struct MaskBoundary {

@@ -125,3 +125,24 @@ fn no_sheet_stands_far_off_where_voxels_are_six_times_as_long_as_wide() {
 fn no_lumen_no_boundary() {
     assert!(MaskBoundary::new(&mask([3, 3, 3], |_| false), &GuardOptions::default()).is_none());
 }
+
+#[test]
+fn the_narrowest_guard_leaves_the_masks_own_topology() {
+    // A plate with a hole one voxel wide, a rod one voxel beside it, and stairs.
+    let m = mask([18, 14, 12], |[i, j, k]| {
+        let plate = (2..9).contains(&i) && (2..10).contains(&j) && (3..6).contains(&k) && !(i == 5 && j == 6);
+        let rod = j == 6 && k == 7 && (2..15).contains(&i);
+        let stairs = (11..16).contains(&i) && (2..5).contains(&j) && (2..=i - 8).contains(&k);
+        plate || rod || stairs
+    });
+    let wanted = crate::mask::topology(&m);
+    let guards: Vec<GuardOptions> = GuardOptions::default().narrower().collect();
+    assert!(guards.windows(2).all(|g| g[1].band < g[0].band && g[1].share < g[0].share));
+    let boundary = MaskBoundary::new(&m, guards.last().unwrap()).unwrap();
+    for all in [-9.0, 9.0] {
+        let (mesh, _) = polygonize(&Guarded::new(Constant(all), boundary.clone()), &m, &PolygonizeOptions { cell: 0.5, offset: 0.0 }).unwrap();
+        let report = check(&mesh);
+        assert!(report.is_closed_manifold());
+        assert_eq!((report.components, report.euler), (wanted.components, 2 * wanted.euler), "{all}");
+    }
+}
