@@ -137,3 +137,36 @@ fn a_wished_number_of_cells_comes_out_within_a_tenth_with_and_without_layers() {
         assert!((cells / target - 1.0).abs() < 0.1, "{cells} cells for {target} with {layers} layers, factor {factor}");
     }
 }
+
+/// A surface pressed flat to a part of its width along `d`.
+fn pressed(mut s: TriMesh, d: lumenmesh::geometry::Vector, part: f64) -> TriMesh {
+    for p in &mut s.points {
+        *p -= d * (p.coords.dot(&d) * (1.0 - part));
+    }
+    s
+}
+
+#[test]
+fn layers_are_made_thinner_where_the_tetrahedra_inside_them_come_out_poor() {
+    let across = lumenmesh::geometry::Vector::new(2.0, 1.0, -2.0) / 3.0;
+    let along = lumenmesh::geometry::Vector::new(1.0, 2.0, 2.0) / 3.0;
+    let diagonal = (across + along.cross(&across)) / 2f64.sqrt();
+    // A ribbon and a rhombus: between their layers little room is left.
+    let shapes = [(pressed(vessels::straight(2.0, 6.0, 4), across, 0.44), 0.2), (pressed(duct(), diagonal, 0.8), 0.35)];
+    let mut retried = 0;
+    for (s, total) in shapes {
+        let layers = LayerOptions { count: 3, total, ..LayerOptions::default() };
+        let o = BuildOptions { fill: options(), layers: Some(layers), ..BuildOptions::default() };
+        let (m, summary) = build(&s, &Uniform(f64::NAN), &o, None).unwrap();
+        let q = quality::volume(&m, &quality::VolumeOptions::default()).unwrap();
+        assert!(q.nonpositive_cells == 0 && q.sv_max < 0.85 && q.openfoam.mesh_ok(true), "{}", q.sv_max);
+        for retry in &summary.retries {
+            retried += 1;
+            assert!(retry.vertices > 0 && s.points.contains(&retry.first), "a place on the surface: {retry:?}");
+        }
+        // What was poor stands in the summary, whether or not the mesh with thinner layers was the better one.
+        let thin = summary.thickness.iter().zip(&summary.wished_thickness).filter(|(t, w)| **t < 0.95 * **w).count();
+        assert!(thin < s.points.len() / 2, "thin at {thin} of {} points", s.points.len());
+    }
+    assert!(retried > 0, "neither shape needed a second time: another is wanted for this test");
+}
