@@ -133,6 +133,8 @@ fn for_member(case: &Case, member: &Member) -> Case {
         AutoLength::Auto => AutoLength::Given(Length { value: f / 3.0, unit: Unit::Radius }),
         given => times(given),
     };
+    // Sizes at the same place, not only at the wall and in the middle, are the factor apart then.
+    c.volume.growth = (c.volume.growth * f).min(2.0);
     let b = &mut c.volume.boundary_layers;
     if b.count > 0 {
         // The same thickness in all, from layers thinner or thicker by the factor.
@@ -160,6 +162,7 @@ mod tests {
         assert!((fine.surface.scale * 1.4 - 1.0).abs() < 1e-12 && (coarse.surface.scale - 1.4).abs() < 1e-12);
         assert_eq!(fine.volume.target_cells, Some(274_400));
         assert_eq!(fine.volume.edge_length, AutoLength::Given(Length { value: 1.4 * m[2].factor, unit: Unit::Millimetre }));
+        assert!((coarse.volume.growth / medium.volume.growth - 1.4).abs() < 1e-12);
         assert_eq!([coarse, medium, fine].map(|c| c.volume.boundary_layers.count), [3, 4, 6]);
     }
 
