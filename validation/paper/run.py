@@ -188,7 +188,7 @@ def write(cases):
         "",
         "Only triangles above 0.75 are repaired here, as in the paper, hence maxima just below it. The front's mean is above the paper's 0.23:",
         "the guidance field asks for short edges where the paper's point rules leave steps on thin vessels (see the curvature).",
-        "The default profile repairs towards 0.45 and reaches a mean of about 0.09.",
+        "The default profile repairs towards 0.45 and reaches a mean of about 0.07.",
         "",
         "## Run times, seconds, mask to polygonized surface",
         "",
