@@ -206,6 +206,7 @@ pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
     drop(raw);
     explain::cleaning(&cleaning).iter().for_each(|line| context.progress.explain(line));
     report.put("cleaning", &cleaning);
+    explain::large_islands(&cleaning, cleaned.count()).into_iter().for_each(|w| report.warn("clean", w));
     let mut outcome = Outcome {
         report,
         mask: cleaned,

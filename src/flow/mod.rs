@@ -156,7 +156,7 @@ pub enum FlowError {
         outlets: usize,
     },
     /// Fractions that do not share one whole.
-    #[error("the outlet fractions add up to {0}: they must be positive and add up to 1")]
+    #[error("the outlet fractions of a vessel add up to {0}: they must be positive and add up to 1")]
     Fractions(f64),
     /// A number out of its range.
     #[error("{what} is {value}: it must be positive")]

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::{FlowError, FlowOptions, Inflow, OutletSplit};
 use crate::geometry::{Point, Vector};
 use crate::mesh::faces::FaceMesh;
+use crate::mesh::topology::DisjointSets;
 use crate::mesh::{PatchId, PatchKind};
 use crate::quality::face_geometry;
 
@@ -82,9 +83,28 @@ impl FlowPlan {
             openings.push(measure(mesh, p.start..p.start + p.count, p)?);
         }
         let total = inflow(options, nu, &mut openings)?;
-        share(options, total, &mut openings)?;
-        hold(options, &mut openings);
+        if !openings.iter().any(|o| o.kind == PatchKind::Outlet) {
+            return Err(FlowError::NoOpening("outlet"));
+        }
         let mut warnings = vec![];
+        // Vessels apart from each other have nothing to share: each balances its own flow.
+        let vessels = vessels(mesh);
+        let weights = weights(options, &openings)?;
+        let mut seen: Vec<u32> = vessels.clone();
+        seen.sort_unstable();
+        seen.dedup();
+        for vessel in seen {
+            let mut own: Vec<(&mut PatchFlow, f64)> =
+                openings.iter_mut().zip(&weights).zip(&vessels).filter(|(_, v)| **v == vessel).map(|((o, w), _)| (o, *w)).collect();
+            share(options, &mut own)?;
+            hold(&mut own);
+            for (kind, word) in [(PatchKind::Inlet, "inlet"), (PatchKind::Outlet, "outlet")] {
+                if own.iter().all(|(o, _)| o.kind != kind) {
+                    let with = &own[0].0.name;
+                    warnings.push(format!("the vessel with {with} has no {word} of its own: no flow balances there; give planes under openings.planes, or leave it out (input.components)"));
+                }
+            }
+        }
         if let Some(w) = &options.waveform {
             let (first, last) = (w.flow[0], w.flow[w.flow.len() - 1]);
             if (first - last).abs() > 0.01 * w.peak() {
@@ -202,48 +222,75 @@ fn inflow(options: &FlowOptions, nu: f64, openings: &mut [PatchFlow]) -> Result<
     Ok(total)
 }
 
-fn share(options: &FlowOptions, total: f64, openings: &mut [PatchFlow]) -> Result<(), FlowError> {
-    let mut outlets: Vec<&mut PatchFlow> = openings.iter_mut().filter(|o| o.kind == PatchKind::Outlet).collect();
-    let n = outlets.len();
-    if n == 0 {
-        return Err(FlowError::NoOpening("outlet"));
+/// A number for each opening, the same for those of one vessel: its cells hang together over faces.
+fn vessels(mesh: &impl FaceMesh) -> Vec<u32> {
+    let mut sets = DisjointSets::new(mesh.cells());
+    for (&a, &b) in mesh.owner().iter().zip(mesh.neighbour()) {
+        sets.join(a, b);
     }
-    let count = |what, given: usize| if given == n { Ok(()) } else { Err(FlowError::Count { what, given, outlets: n }) };
-    let weights: Vec<f64> = match &options.split {
-        OutletSplit::Murray => outlets.iter().map(|o| o.hydraulic_diameter.powi(3)).collect(),
-        OutletSplit::Area => outlets.iter().map(|o| o.area).collect(),
+    mesh.patches().iter().filter(|p| p.patch.kind != PatchKind::Wall).map(|p| sets.root(mesh.owner()[p.start])).collect()
+}
+
+/// What the outlets share the flow by, for every opening; 0 at inlets and where the solver finds the flow.
+fn weights(options: &FlowOptions, openings: &[PatchFlow]) -> Result<Vec<f64>, FlowError> {
+    let outlets = openings.iter().filter(|o| o.kind == PatchKind::Outlet).count();
+    let count = |what, given: usize| if given == outlets { Ok(()) } else { Err(FlowError::Count { what, given, outlets }) };
+    let by_outlet = |f: &dyn Fn(usize, &PatchFlow) -> f64| {
+        let mut n = 0;
+        let mut weight = |o: &PatchFlow| {
+            if o.kind != PatchKind::Outlet {
+                return 0.0;
+            }
+            n += 1;
+            f(n - 1, o)
+        };
+        openings.iter().map(&mut weight).collect()
+    };
+    Ok(match &options.split {
+        OutletSplit::Murray => by_outlet(&|_, o| o.hydraulic_diameter.powi(3)),
+        OutletSplit::Area => by_outlet(&|_, o| o.area),
         OutletSplit::Fractions(f) => {
             count("fractions", f.len())?;
-            let sum: f64 = f.iter().sum();
-            if !((sum - 1.0).abs() <= 1e-6) || f.iter().any(|&x| !(x > 0.0)) {
-                return Err(FlowError::Fractions(sum));
+            if let Some(&bad) = f.iter().find(|&&x| !(x > 0.0)) {
+                return Err(FlowError::Fractions(bad.min(f.iter().sum())));
             }
-            f.clone()
+            by_outlet(&|n, _| f[n])
         }
         OutletSplit::Resistance(r) => {
             count("resistances", r.len())?;
-            return match r.iter().find(|&&x| !(x >= 0.0 && x.is_finite())) {
-                Some(&value) => Err(FlowError::NotPositive { what: "an outlet's resistance", value }),
-                None => Ok(()),
-            };
+            if let Some(&value) = r.iter().find(|&&x| !(x >= 0.0 && x.is_finite())) {
+                return Err(FlowError::NotPositive { what: "an outlet's resistance", value });
+            }
+            by_outlet(&|n, _| r[n])
         }
+        OutletSplit::Pressure => vec![0.0; openings.len()],
+    })
+}
+
+/// Shares what enters a vessel among its outlets, by their weights.
+fn share(options: &FlowOptions, own: &mut [(&mut PatchFlow, f64)]) -> Result<(), FlowError> {
+    let enters: f64 = own.iter().filter_map(|(o, _)| o.flow).sum();
+    let sum: f64 = own.iter().map(|(_, w)| w).sum();
+    match &options.split {
         OutletSplit::Pressure => return Ok(()),
-    };
-    let sum: f64 = weights.iter().sum();
-    for (o, w) in outlets.iter_mut().zip(&weights) {
-        o.flow = Some(total * w / sum);
+        OutletSplit::Resistance(_) => {
+            own.iter_mut().filter(|(o, _)| o.kind == PatchKind::Outlet).for_each(|(o, r)| o.condition = Condition::Resistance(*r));
+            return Ok(());
+        }
+        // Fractions of each vessel's own flow.
+        OutletSplit::Fractions(_) if sum > 0.0 && (sum - 1.0).abs() > 1e-6 => return Err(FlowError::Fractions(sum)),
+        _ => {}
+    }
+    for (o, w) in own.iter_mut().filter(|(o, _)| o.kind == PatchKind::Outlet) {
+        o.flow = Some(enters * *w / sum);
     }
     Ok(())
 }
 
-/// The outlet with the largest flow takes what the others leave, at zero pressure; where no flow is given, all are held
-/// by their pressure.
-fn hold(options: &FlowOptions, openings: &mut [PatchFlow]) {
-    let mut outlets: Vec<&mut PatchFlow> = openings.iter_mut().filter(|o| o.kind == PatchKind::Outlet).collect();
-    if let OutletSplit::Resistance(r) = &options.split {
-        outlets.iter_mut().zip(r).for_each(|(o, r)| o.condition = Condition::Resistance(*r));
-        return;
-    }
+/// The vessel's outlet with the largest flow takes what the others leave, at zero pressure; where no flow is given, all
+/// are held by their pressure.
+fn hold(own: &mut [(&mut PatchFlow, f64)]) {
+    let mut outlets: Vec<&mut PatchFlow> = own.iter_mut().filter(|(o, _)| o.kind == PatchKind::Outlet && o.flow.is_some()).map(|(o, _)| &mut **o).collect();
     // The first of the largest.
     let mut largest = 0;
     for (k, o) in outlets.iter().enumerate() {
@@ -251,9 +298,7 @@ fn hold(options: &FlowOptions, openings: &mut [PatchFlow]) {
             largest = k;
         }
     }
-    for (_, o) in outlets.iter_mut().enumerate().filter(|(k, o)| *k != largest && o.flow.is_some()) {
-        o.condition = Condition::Outflow;
-    }
+    outlets.iter_mut().enumerate().filter(|(k, _)| *k != largest).for_each(|(_, o)| o.condition = Condition::Outflow);
 }
 
 #[cfg(test)]
@@ -277,6 +322,27 @@ mod tests {
         let o = &p.openings[0];
         assert!((o.area - 9.0).abs() < 1e-12 && (o.hydraulic_diameter - 3.0).abs() < 1e-12 && o.womersley.is_none());
         assert!((o.velocity.unwrap_or(0.0) - 4.0 / 9.0).abs() < 1e-12 && p.warnings.is_empty(), "{p:?}");
+    }
+
+    #[test]
+    fn vessels_apart_from_each_other_balance_their_own_flow() {
+        let (mut both, other) = (cube(3.0), cube(2.0));
+        let n = both.points.len() as u32;
+        both.points.extend(other.points.iter().map(|p| p + Vector::new(10.0, 0.0, 0.0)));
+        both.tets.extend(other.tets.iter().map(|t| t.map(|v| v + n)));
+        both.patches.extend(other.patches.iter().filter(|p| p.id > 1).map(|p| crate::mesh::Patch { id: p.id + 3, name: format!("c2_{}", p.name), kind: p.kind }));
+        both.boundary.extend(other.boundary.iter().map(|f| crate::mesh::BoundaryFace { vertices: f.vertices.map(|v| v + n), patch: if f.patch > 1 { f.patch + 3 } else { 1 } }));
+        let faces = FaceList::build(&both).expect("conforms");
+        let p = FlowPlan::resolve(&FlowOptions { inflow: Inflow::Velocity(0.1), ..FlowOptions::default() }, &faces).expect("a plan");
+        for names in [["inlet", "outlet_1", "outlet_2"], ["c2_inlet", "c2_outlet_1", "c2_outlet_2"]] {
+            let own = names.map(|n| p.openings.iter().find(|o| o.name == n).expect(n));
+            let flow = own.map(|o| o.flow.unwrap_or(f64::NAN));
+            assert!((flow[0] - flow[1] - flow[2]).abs() < 1e-12 * flow[0] && flow[0] > 0.0, "{flow:?}");
+            assert_eq!(own.iter().filter(|o| o.condition == Condition::Pressure).count(), 1, "each vessel needs one pressure to start from");
+        }
+        // Fractions are of each vessel's own flow.
+        let split = |f: Vec<f64>| FlowPlan::resolve(&FlowOptions { split: OutletSplit::Fractions(f), ..FlowOptions::default() }, &faces);
+        assert!(split(vec![0.25, 0.75, 0.5, 0.5]).is_ok() && split(vec![0.25, 0.25, 0.25, 0.25]).is_err());
     }
 
     #[test]

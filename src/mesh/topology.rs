@@ -166,14 +166,14 @@ fn corner_at(mesh: &TriMesh, t: u32, v: u32) -> u32 {
 }
 
 /// Union-find whose roots are the smallest members.
-struct DisjointSets(Vec<u32>);
+pub(crate) struct DisjointSets(Vec<u32>);
 
 impl DisjointSets {
-    fn new(n: usize) -> Self {
+    pub fn new(n: usize) -> Self {
         DisjointSets((0..n as u32).collect())
     }
 
-    fn root(&mut self, mut a: u32) -> u32 {
+    pub fn root(&mut self, mut a: u32) -> u32 {
         while self.0[a as usize] != a {
             let up = self.0[self.0[a as usize] as usize];
             self.0[a as usize] = up;
@@ -182,7 +182,7 @@ impl DisjointSets {
         a
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         let (low, high) = (a.min(b), a.max(b));
         self.0[high as usize] = low;
@@ -193,7 +193,7 @@ impl DisjointSets {
 mod tests {
     use super::*;
 
-    fn tetrahedron(offset: f64) -> TriMesh {
+    pub fn tetrahedron(offset: f64) -> TriMesh {
         let p = |x, y, z| Point::new(x + offset, y, z);
         TriMesh::new(
             vec![p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.), p(0., 0., 1.)],
@@ -201,7 +201,7 @@ mod tests {
         )
     }
 
-    fn merged(a: &TriMesh, b: &TriMesh) -> TriMesh {
+    pub fn merged(a: &TriMesh, b: &TriMesh) -> TriMesh {
         let n = a.points.len() as u32;
         let points = a.points.iter().chain(&b.points).copied().collect();
         let triangles = a.triangles.iter().copied().chain(b.triangles.iter().map(|t| t.map(|v| v + n))).collect();

@@ -1,7 +1,10 @@
 //! Decisions in sentences, for `-v`.
 
-use crate::mask::{ChangeKind, CleaningReport};
+use crate::mask::{Change, ChangeKind, CleaningReport};
 use crate::openings::{FoundBy, Opening};
+
+/// Part of the kept lumen above which a dropped island is told, whoever asks.
+const LARGE_ISLAND: f64 = 0.02;
 
 /// What was repaired in the mask, a sentence a kind.
 pub(super) fn cleaning(report: &CleaningReport) -> Vec<String> {
@@ -17,6 +20,20 @@ pub(super) fn cleaning(report: &CleaningReport) -> Vec<String> {
         return vec!["the mask needs no repair".into()];
     }
     report.totals.iter().map(|t| format!("{} {}, {} voxels in all", t.changes, word(t.kind), t.voxels)).collect()
+}
+
+/// Parts dropped as islands that are large enough to be vessels, a sentence each.
+pub(super) fn large_islands(report: &CleaningReport, kept: usize) -> Vec<String> {
+    let large = |c: &&Change| c.kind == ChangeKind::IslandDropped && c.voxels as f64 > LARGE_ISLAND * kept as f64;
+    let tell = |c: &Change| {
+        let percent = 100.0 * c.voxels as f64 / kept as f64;
+        let [x, y, z] = c.center;
+        format!(
+            "a part of {} voxels, {percent:.0} % of what is kept, was dropped at ({x:.1}, {y:.1}, {z:.1}) mm: input.components: all keeps it as a vessel of its own",
+            c.voxels
+        )
+    };
+    report.changes.iter().filter(large).map(tell).collect()
 }
 
 /// Why there is an opening.
