@@ -32,6 +32,8 @@ pub struct PatchFlow {
     pub name: String,
     /// Inlet or outlet.
     pub kind: PatchKind,
+    /// The same number for the openings of one vessel; vessels apart from each other count from 1 by first opening.
+    pub vessel: usize,
     /// Area, mm².
     pub area: f64,
     /// Four times area by perimeter, mm.
@@ -88,14 +90,10 @@ impl FlowPlan {
         }
         let mut warnings = vec![];
         // Vessels apart from each other have nothing to share: each balances its own flow.
-        let vessels = vessels(mesh);
+        openings.iter_mut().zip(vessels(mesh)).for_each(|(o, v)| o.vessel = v);
         let weights = weights(options, &openings)?;
-        let mut seen: Vec<u32> = vessels.clone();
-        seen.sort_unstable();
-        seen.dedup();
-        for vessel in seen {
-            let mut own: Vec<(&mut PatchFlow, f64)> =
-                openings.iter_mut().zip(&weights).zip(&vessels).filter(|(_, v)| **v == vessel).map(|((o, w), _)| (o, *w)).collect();
+        for vessel in 1..=openings.iter().map(|o| o.vessel).max().unwrap_or(0) {
+            let mut own: Vec<(&mut PatchFlow, f64)> = openings.iter_mut().zip(weights.iter().copied()).filter(|(o, _)| o.vessel == vessel).collect();
             share(options, &mut own)?;
             hold(&mut own);
             for (kind, word) in [(PatchKind::Inlet, "inlet"), (PatchKind::Outlet, "outlet")] {
@@ -183,6 +181,7 @@ fn measure(
         id: p.id,
         name: p.name.clone(),
         kind: p.kind,
+        vessel: 1,
         area: area.norm(),
         hydraulic_diameter: 4.0 * area.norm() / perimeter,
         center: Point::from(first / sum),
@@ -222,13 +221,21 @@ fn inflow(options: &FlowOptions, nu: f64, openings: &mut [PatchFlow]) -> Result<
     Ok(total)
 }
 
-/// A number for each opening, the same for those of one vessel: its cells hang together over faces.
-fn vessels(mesh: &impl FaceMesh) -> Vec<u32> {
+/// [`PatchFlow::vessel`] of each opening: the cells of a vessel hang together over faces.
+fn vessels(mesh: &impl FaceMesh) -> Vec<usize> {
     let mut sets = DisjointSets::new(mesh.cells());
     for (&a, &b) in mesh.owner().iter().zip(mesh.neighbour()) {
         sets.join(a, b);
     }
-    mesh.patches().iter().filter(|p| p.patch.kind != PatchKind::Wall).map(|p| sets.root(mesh.owner()[p.start])).collect()
+    let mut known: Vec<u32> = vec![];
+    let mut number = |root: u32| match known.iter().position(|&r| r == root) {
+        Some(n) => n + 1,
+        None => {
+            known.push(root);
+            known.len()
+        }
+    };
+    mesh.patches().iter().filter(|p| p.patch.kind != PatchKind::Wall).map(|p| number(sets.root(mesh.owner()[p.start]))).collect()
 }
 
 /// What the outlets share the flow by, for every opening; 0 at inlets and where the solver finds the flow.
@@ -337,6 +344,7 @@ mod tests {
         for names in [["inlet", "outlet_1", "outlet_2"], ["c2_inlet", "c2_outlet_1", "c2_outlet_2"]] {
             let own = names.map(|n| p.openings.iter().find(|o| o.name == n).expect(n));
             let flow = own.map(|o| o.flow.unwrap_or(f64::NAN));
+            assert!(own.iter().all(|o| o.vessel == if names[0] == "inlet" { 1 } else { 2 }));
             assert!((flow[0] - flow[1] - flow[2]).abs() < 1e-12 * flow[0] && flow[0] > 0.0, "{flow:?}");
             assert_eq!(own.iter().filter(|o| o.condition == Condition::Pressure).count(), 1, "each vessel needs one pressure to start from");
         }

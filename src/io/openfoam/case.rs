@@ -230,8 +230,10 @@ fn control(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan) -> Stri
             );
         }
     }
-    if let Some(inlet) = names(PatchKind::Inlet).first() {
-        for outlet in names(PatchKind::Outlet) {
+    for outlet in plan.openings.iter().filter(|o| o.kind == PatchKind::Outlet) {
+        // From the vessel's first inlet.
+        if let Some(inlet) = plan.openings.iter().find(|o| o.kind == PatchKind::Inlet && o.vessel == outlet.vessel) {
+            let (inlet, outlet) = (&inlet.name, &outlet.name);
             let _ = writeln!(
                 s,
                 "    pressureDrop_{inlet}_{outlet}\n    {{\n        type fieldValueDelta; libs (fieldFunctionObjects); operation subtract; log false; writeControl timeStep; writeInterval 1;\n        region1 {{ type surfaceFieldValue; libs (fieldFunctionObjects); fields (p); operation areaAverage; regionType patch; name {inlet}; writeFields false; log false; }}\n        region2 {{ type surfaceFieldValue; libs (fieldFunctionObjects); fields (p); operation areaAverage; regionType patch; name {outlet}; writeFields false; log false; }}\n    }}"
