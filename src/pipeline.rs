@@ -416,8 +416,16 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
     let (mut openings, mut extensions) = (ends.clone(), Vec::new());
     let wanted = options::extensions(case, &mask, implicit.as_ref(), &traced, &ends)?;
     if !wanted.is_empty() {
+        let (clear, shortened) = openings::clear_extensions(implicit.as_ref(), &mask, &ends, &wanted)?;
+        for (n, distance) in shortened {
+            let (name, length, wished) = (&wanted[n].opening, clear[n].length, wanted[n].length);
+            report.warn(
+                "extensions",
+                format!("the extension of `{name}` is {length:.2} mm long instead of {wished:.2} mm: it would run into another vessel {distance:.2} mm from its start; a direction of its own would clear it"),
+            );
+        }
         let extend = || -> Result<_, Error> {
-            let (extended, moved) = openings::Extended::new(implicit, &mask, &ends, &wanted)?;
+            let (extended, moved) = openings::Extended::new(implicit, &mask, &ends, &clear)?;
             let level = polygonize::PolygonizeOptions { offset: 0.0, ..options::polygonizer(case) };
             let (polygons, _) = polygonize::polygonize(&extended, &mask, &level)?;
             Ok((extended, moved, polygons))

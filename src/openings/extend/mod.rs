@@ -20,6 +20,9 @@ use marks::Mark;
 use tube::smoothstep;
 pub use tube::Tube;
 
+/// Part of its wished length that an extension must keep where another vessel is in its way.
+pub const LEAST_LEFT: f64 = 0.25;
+
 /// An extension of one opening.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Extension {
@@ -160,10 +163,12 @@ impl<I: Implicit> Extended<I> {
 
     fn collision(&self, n: usize) -> Result<(), ExtendError> {
         let tube = &self.tubes[n];
+        // Sheets closer than a cell of the polygonizer would grow together; the opening itself may lie as close.
+        let margin = |z: f64| if z > tube.reach { self.inner.resolution() } else { 0.0 };
         for (p, z) in tube.rings() {
             let other = self.tubes.iter().enumerate().filter(|(m, _)| *m != n).any(|(_, t)| {
-                let z = t.plane.signed_distance(&p);
-                z > 0.0 && t.wall(&p, z).is_some_and(|w| w.0 < 0.0)
+                let height = t.plane.signed_distance(&p);
+                height > 0.0 && t.wall(&p, height).is_some_and(|w| w.0 < margin(z))
             });
             if other || self.rest(&p).0 < 0.0 {
                 return Err(ExtendError::Collides { name: tube.name.clone(), at: p.into(), distance: z });
@@ -227,6 +232,34 @@ impl<I: Implicit> Implicit for Extended<I> {
 
     fn resolution(&self) -> f64 {
         self.inner.resolution()
+    }
+}
+
+/// Extensions that run into no other vessel: those that would are shortened to end before it.
+///
+/// Returns them, and for each that became shorter its place in the list and the distance at which it would have met the
+/// other vessel, mm.
+///
+/// # Errors
+/// As [`Extended::new`]; [`ExtendError::Collides`] where less than [`LEAST_LEFT`] of the wished length would be left.
+pub fn clear(surface: &dyn Implicit, mask: &Mask, openings: &[Opening], wanted: &[Extension]) -> Result<(Vec<Extension>, Vec<(usize, f64)>), ExtendError> {
+    let mut extensions = wanted.to_vec();
+    let mut shortened: Vec<(usize, f64)> = Vec::new();
+    loop {
+        let (name, distance, collision) = match Extended::new(surface, mask, openings, &extensions) {
+            Ok(_) => return Ok((extensions, shortened)),
+            Err(ExtendError::Collides { name, at, distance }) => (name.clone(), distance, ExtendError::Collides { name, at, distance }),
+            Err(e) => return Err(e),
+        };
+        let Some(n) = extensions.iter().position(|e| e.opening == name) else { return Err(collision) };
+        // The straight wall goes on beyond the new end, and a dome closes it.
+        let length = (distance - equivalent_radius(surface, &openings[openings.iter().position(|o| o.name == name).unwrap_or(0)])?).min(0.9 * extensions[n].length);
+        if length < LEAST_LEFT * wanted[n].length {
+            return Err(collision);
+        }
+        extensions[n].length = length;
+        shortened.retain(|s| s.0 != n);
+        shortened.push((n, distance));
     }
 }
 

@@ -118,6 +118,43 @@ fn an_extension_into_the_vessel_is_refused() {
     assert!(matches!(Extended::new(&Ellipse, &mask, &[opening], &[other]).err(), Some(ExtendError::Unknown { .. })));
 }
 
+/// The elliptic tube and a vessel of radius 2 mm across its way, whose wall begins at z = 22.
+struct Crossed;
+
+impl Implicit for Crossed {
+    fn value(&self, p: &Point) -> f64 {
+        Ellipse.value(p).min(p.y.hypot(p.z - 24.0) - 2.0)
+    }
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        let across = p.y.hypot(p.z - 24.0) - 2.0;
+        let own = Ellipse.value_gradient(p);
+        if own.0 < across { own } else { (across, Vector::new(0.0, p.y, p.z - 24.0).normalize()) }
+    }
+    fn bounds(&self) -> Aabb {
+        Ellipse.bounds().union(&Aabb { min: Point::new(-9.0, -2.0, 22.0), max: Point::new(9.0, 2.0, 26.0) })
+    }
+    fn resolution(&self) -> f64 {
+        0.25
+    }
+}
+
+#[test]
+fn an_extension_ends_before_the_vessel_in_its_way_or_is_refused() {
+    let (mask, opening) = setup();
+    let openings = [opening];
+    let e = extension(None, None);
+    assert!(matches!(Extended::new(&Crossed, &mask, &openings, &[e.clone()]).err(), Some(ExtendError::Collides { .. })));
+    let (clear, shortened) = clear(&Crossed, &mask, &openings, &[e.clone()]).unwrap();
+    assert!((6.0..11.0).contains(&clear[0].length), "{}", clear[0].length);
+    assert!(shortened.len() == 1 && shortened[0].0 == 0 && shortened[0].1 <= 12.0, "{shortened:?}");
+    assert!(Extended::new(&Crossed, &mask, &openings, &clear).is_ok());
+    // What would be left is hardly an extension.
+    let long = Extension { length: 60.0, ..e.clone() };
+    assert!(matches!(super::clear(&Crossed, &mask, &openings, &[long]).err(), Some(ExtendError::Collides { .. })));
+    let (same, none) = super::clear(&Ellipse, &mask, &openings, &[e.clone()]).unwrap();
+    assert!(same == [e] && none.is_empty());
+}
+
 #[test]
 fn the_wall_of_an_extension_has_no_step_at_the_old_opening() {
     let (mask, opening) = setup();
