@@ -5,7 +5,7 @@ set -euo pipefail
 build_tools
 cd "$here"
 out=${1:-out}
-say "building"
+say "building: some five minutes on two cores the first time"
 cargo build --release --quiet
 case_dir=$out/case
 target/release/lumenmesh phantom aneurysm -o "$case_dir"

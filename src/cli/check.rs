@@ -44,6 +44,13 @@ pub fn run(args: &CheckArgs) -> Result<u8, Failure> {
 }
 
 fn checked(file: &Path) -> Result<Report, Failure> {
+    let case = file.join("openfoam/constant/polyMesh");
+    if case.is_dir() && !file.join("constant").exists() && !file.join("points").exists() {
+        return Err(Failure::new(
+            exit::INPUT,
+            anyhow::anyhow!("{}: is a folder of results: name the mesh in it, such as {} or {}", file.display(), file.join("openfoam").display(), file.join("volume/lumen.vtu").display()),
+        ));
+    }
     let mesh = mesh::read(file).map_err(|e| Failure::new(exit::INPUT, e))?;
     let mut r = report(&mesh).map_err(|e| Failure::new(exit::GEOMETRY, anyhow::anyhow!("{}: {e}", file.display())))?;
     let metres = mesh::is_in_metres(file);

@@ -42,12 +42,28 @@ pub fn failure(path: &Path, action: &str, e: &io::Error) -> Failure {
     Failure::new(USAGE, anyhow::anyhow!("{}: cannot {action}: {}; {}", path.display(), reason(e), writing(e)))
 }
 
+/// A time of a solver's run in the OpenFOAM case of earlier results.
+fn solved(target: &Path) -> Option<PathBuf> {
+    let entries = fs::read_dir(target.join("openfoam")).ok()?;
+    let mut times: Vec<PathBuf> = entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
+    times.sort();
+    let time = |p: &Path| p.file_name().and_then(|n| n.to_str()).and_then(|n| n.parse::<f64>().ok());
+    times.into_iter().find(|p| p.is_dir() && time(p).is_some_and(|t| t > 0.0))
+}
+
 impl Staging {
     /// Starts a folder that will be `target`. An existing `target` must be empty or hold earlier results.
     pub fn new(target: &Path) -> Result<Staging, Failure> {
         if target.exists() {
             let ours = target.join("report.json").is_file() || target.join("truth.json").is_file();
             let entries = fs::read_dir(target).map_err(|e| failure(target, "use this as output folder", &e))?.count();
+            if let Some(kept) = solved(target) {
+                return Err(Failure::usage(format!(
+                    "{}: holds a solver's results, which would be lost with the mesh they were made on; nothing was written: choose another folder with -o, or clear them with {}",
+                    kept.display(),
+                    target.join("openfoam/Allclean").display()
+                )));
+            }
             if entries > 0 && !ours {
                 return Err(Failure::usage(format!(
                     "{}: is not empty and holds no earlier results; nothing was written: choose another folder with -o",
@@ -147,6 +163,18 @@ mod tests {
         second.publish().expect("publish");
         assert_eq!(fs::read(target.join("report.json")).expect("new"), b"2");
         assert_eq!(fs::read_dir(dir.path()).expect("list").count(), 1, "nothing is left aside");
+    }
+
+    #[test]
+    fn what_a_solver_made_is_not_replaced() {
+        let dir = tempfile::tempdir().expect("folder");
+        let target = dir.path().join("out");
+        fs::create_dir_all(target.join("openfoam/295")).expect("folders");
+        fs::write(target.join("report.json"), "{}").expect("write");
+        let e = Staging::new(&target).err().map(|e| e.message()).unwrap_or_default();
+        assert!(e.contains("openfoam/295") && e.contains("Allclean"), "{e}");
+        fs::rename(target.join("openfoam/295"), target.join("openfoam/0")).expect("rename");
+        assert!(Staging::new(&target).is_ok(), "initial fields are no results");
     }
 
     #[test]

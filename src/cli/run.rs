@@ -106,5 +106,10 @@ fn summary(report: &Report, output: &Path) {
         say!("{} {}: {} (limit {})", if g.hard { "MISSED  " } else { "advisory" }, g.name, rounded(g.value), g.limit);
     }
     let verdict = if report.status == Status::Passed { "all hard gates met" } else { "A HARD GATE IS MISSED" };
-    say!("results  {} ({verdict}); open {}", output.display(), output.join("report.html").display());
+    let warnings = match report.warnings.len() {
+        0 => String::new(),
+        1 => ", 1 warning".into(),
+        n => format!(", {n} warnings"),
+    };
+    say!("results  {} ({verdict}{warnings}); open {}", output.display(), output.join("report.html").display());
 }

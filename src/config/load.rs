@@ -51,7 +51,21 @@ pub fn load(file: &Path, overrides: &[String]) -> Result<Case, ConfigError> {
 
 /// Reads and checks a case from text; `name` stands in the errors.
 pub fn from_text(text: &str, name: &str, overrides: &[String]) -> Result<Case, ConfigError> {
-    let mut case: Case = serde_saphyr::from_str(text).map_err(|e| yaml_error(&e, text, name))?;
+    let empty = || serde_saphyr::from_str::<serde_json::Value>(text).ok().and_then(|v| empty_value(&v, &mut vec![]));
+    let mut case: Case = match (serde_saphyr::from_str(text), empty()) {
+        (Ok(case), None) => case,
+        // A key that there is not is the better news.
+        (Err(e), key) if key.is_none() || e.to_string().contains("unknown field") => return Err(yaml_error(&e, text, name)),
+        (_, key) => {
+            let key = key.unwrap_or_default();
+            let last = key.rsplit('.').next().unwrap_or_default();
+            let message = format!("`{last}` has no value: give one, or take the key out");
+            return Err(match locate(text, &key) {
+                Some((line, column)) => at_place(name, text, line, column, &message),
+                None => invalid(name, format!("{key}: {message}")),
+            });
+        }
+    };
     if !overrides.is_empty() {
         let mut value = serde_json::to_value(&case).map_err(|e| invalid(name, e.to_string()))?;
         for o in overrides {
@@ -78,6 +92,28 @@ pub fn to_yaml(case: &Case) -> Result<String, ConfigError> {
     serde_saphyr::to_string(case).map_err(|e| invalid("resolved configuration", e.to_string()))
 }
 
+/// Path of the first key without a value. Sections may be empty: all they hold may be commented out.
+fn empty_value(at: &serde_json::Value, path: &mut Vec<String>) -> Option<String> {
+    let inner: Vec<(String, &serde_json::Value)> = match at {
+        serde_json::Value::Null if !is_section(path) => return Some(path.join(".").replace(".[", "[")),
+        serde_json::Value::Object(map) => map.iter().map(|(k, v)| (k.clone(), v)).collect(),
+        serde_json::Value::Array(list) => list.iter().enumerate().map(|(n, v)| (format!("[{n}]"), v)).collect(),
+        _ => return None,
+    };
+    inner.into_iter().find_map(|(key, value)| {
+        path.push(key);
+        let found = empty_value(value, path);
+        path.pop();
+        found
+    })
+}
+
+/// Whether a path leads to a mapping or list of the default case.
+fn is_section(path: &[String]) -> bool {
+    let Ok(case) = serde_json::to_value(Case::for_mask(PathBuf::new())) else { return true };
+    path.iter().try_fold(&case, |at, key| at.get(key)).is_none_or(|v| v.is_object() || v.is_array()) && path.len() < 2
+}
+
 fn apply(value: &mut serde_json::Value, text: &str) -> Result<(), ConfigError> {
     let place = || format!("--set {text}");
     let (path, new) = text
@@ -85,6 +121,9 @@ fn apply(value: &mut serde_json::Value, text: &str) -> Result<(), ConfigError> {
         .ok_or_else(|| invalid(place(), "there is no `=`: write `--set key.path=value`, such as `--set surface.scale=2`"))?;
     let new: serde_json::Value = serde_saphyr::from_str(new)
         .map_err(|e| invalid(place(), format!("the value is not valid YAML: {}", first_line(&e.to_string()))))?;
+    if new.is_null() {
+        return Err(invalid(place(), "there is no value behind the `=`: give one, or leave the override out"));
+    }
     let mut at = value;
     for key in path.trim().split('.') {
         if let serde_json::Value::Array(items) = at {
@@ -267,6 +306,19 @@ mod tests {
         let e = error("input: {mask: a.nrrd}\nsurface: {edge_length: 0.4}\n");
         assert!(e.starts_with("case.yaml:2:"), "{e}");
         assert!(e.contains("`0.4 mm`"), "{e}");
+    }
+
+    #[test]
+    fn a_key_without_a_value_is_no_default() {
+        let e = error("input: {mask: a.nrrd}\nflow:\n  inlet:\n    flow_rate:\n");
+        assert!(e.starts_with("case.yaml:4:") && e.contains("`flow_rate` has no value"), "{e}");
+        assert!(error("input: {mask: a.nrrd}\nextensions: {length: }\n").contains("`length` has no value"));
+        assert!(error("input: {mask: a.nrrd}\nvolume: {boundary_layers: {count: }}\n").contains("`count` has no value"));
+        assert!(error("input: {mask: a.nrrd}\nsurface: {sclae: }\n").contains("did you mean"));
+        for o in ["flow.inlet.flow_rate=", "flow.inlet.flow_rate=null"] {
+            let e = from_text("input: {mask: a.nrrd}\n", "c", &[o.into()]).expect_err("no value").to_string();
+            assert!(e.contains("no value"), "{e}");
+        }
     }
 
     #[test]

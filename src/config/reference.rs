@@ -22,6 +22,12 @@ pub fn reference_page() -> String {
     let mut page = String::from(
         "# Case file reference\nGenerated from the schema (`lumenmesh schema`). Everything but `input` is optional.\n",
     );
+    let plain = |value: &&Value| resolve(&root, value).get("properties").is_none();
+    let top: Vec<_> = root.get("properties").and_then(Value::as_object).into_iter().flatten().filter(|(_, v)| plain(v)).collect();
+    if !top.is_empty() {
+        let _ = writeln!(page, "\nKeys of the outermost level; each section has a table of its own.\n\n{HEAD}");
+        top.iter().for_each(|(key, value)| row(&mut page, &root, key, value));
+    }
     section(&mut page, &root, &root, "");
     page
 }
@@ -36,18 +42,27 @@ fn resolve<'a>(root: &'a Value, mut at: &'a Value) -> &'a Value {
     }
 }
 
+const HEAD: &str = "| key | values | default | meaning |\n|---|---|---|---|";
+
+/// One key of a table.
+fn row(page: &mut String, root: &Value, key: &str, value: &Value) {
+    let meaning = value.get("description").and_then(Value::as_str).unwrap_or_default().replace('\n', " ");
+    let default = value.get("default").map(|d| format!("`{d}`")).unwrap_or_default();
+    let default = if default.len() > 60 { "see below".into() } else { default };
+    // Of a list the values that its entries may have.
+    let of = resolve(root, value);
+    let known = of.get("items").map(|i| values(root, i)).filter(|v| v.contains('`'));
+    let values = known.map_or_else(|| values(root, value), |v| format!("list of {v}"));
+    let _ = writeln!(page, "| `{key}` | {values} | {default} | {meaning} |");
+}
+
 fn section(page: &mut String, root: &Value, at: &Value, path: &str) {
     let Some(properties) = at.get("properties").and_then(Value::as_object) else { return };
     if !path.is_empty() {
         let _ = writeln!(page, "\n## `{path}`");
         let _ = writeln!(page, "{}\n", at.get("description").and_then(Value::as_str).unwrap_or_default());
-        let _ = writeln!(page, "| key | values | default | meaning |\n|---|---|---|---|");
-        for (key, value) in properties {
-            let meaning = value.get("description").and_then(Value::as_str).unwrap_or_default().replace('\n', " ");
-            let default = value.get("default").map(|d| format!("`{d}`")).unwrap_or_default();
-            let default = if default.len() > 60 { "see below".into() } else { default };
-            let _ = writeln!(page, "| `{key}` | {} | {default} | {meaning} |", values(root, value));
-        }
+        let _ = writeln!(page, "{HEAD}");
+        properties.iter().for_each(|(key, value)| row(page, root, key, value));
     }
     for (key, value) in properties {
         let name = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
@@ -100,6 +115,7 @@ mod tests {
     #[test]
     fn the_reference_names_every_section_of_the_contract() {
         let page = reference_page();
+        assert!(page.contains("| `exports` | list of `vtk`, `stl`"), "{page}");
         for key in ["input", "reconstruction", "surface", "openings", "extensions", "volume", "volume.boundary_layers", "flow", "gates"] {
             assert!(page.contains(&format!("## `{key}`")), "{key} is missing in\n{page}");
         }

@@ -105,9 +105,14 @@ fn head(out: &mut String, report: &Report, json: &Value, title: &str) {
     };
     let missed = report.gates.iter().filter(|g| !g.passed).map(|g| escape(&g.name)).collect::<Vec<_>>().join("; ");
     let missed = if missed.is_empty() { "nothing missed, advisory ones included".into() } else { format!("{}missed: {missed}", if report.status == Status::Passed { "advisory limits " } else { "" }) };
+    let warned = match report.warnings.len() {
+        0 => String::new(),
+        1 => "; 1 warning below".into(),
+        n => format!("; {n} warnings below"),
+    };
     let _ = write!(
         out,
-        "<h1>{}</h1><p class=soft>lumenmesh {} · lengths in mm, coordinates LPS</p><div class=\"verdict{class}\"><b>{verdict}</b><span>{missed}</span></div>\n<div class=tiles>",
+        "<h1>{}</h1><p class=soft>lumenmesh {} · lengths in mm, coordinates LPS</p><div class=\"verdict{class}\"><b>{verdict}</b><span>{missed}{warned}</span></div>\n<div class=tiles>",
         escape(title),
         report.version
     );
@@ -115,8 +120,8 @@ fn head(out: &mut String, report: &Report, json: &Value, title: &str) {
         ("triangles", &["surface", "faces"]),
         ("equi-angle skewness, max", &["surface", "s_max"]),
         ("equi-angle skewness, mean", &["surface", "s_mean"]),
-        ("deviation, median (voxel diagonals)", &["fidelity", "to_marching_cubes", "median"]),
-        ("deviation, max (voxel diagonals)", &["fidelity", "to_marching_cubes", "max"]),
+        ("deviation from marching cubes, median (voxel diagonals)", &["fidelity", "to_marching_cubes", "median"]),
+        ("deviation from marching cubes, max (voxel diagonals)", &["fidelity", "to_marching_cubes", "max"]),
         ("cells", &["volume", "cells"]),
         ("equi-volume skewness, max", &["volume", "sv_max"]),
         ("equi-volume skewness, mean", &["volume", "sv_mean"]),
@@ -364,7 +369,7 @@ fn fidelity(out: &mut String, json: &Value) {
         }
         out.push_str("</tr>");
     }
-    let _ = write!(out, "</table></div><p>Volume over the mask's kept volume: {}. Parts lost: {}.</p>\n", figure(f, &["volume_ratio"]), f.get("lost").and_then(Value::as_array).map_or(0, Vec::len));
+    let _ = write!(out, "</table></div><p>Volume over the mask's kept volume: {}. Parts of the vessel not kept, ends beyond the cuts included: {}.</p>\n", figure(f, &["volume_ratio"]), f.get("lost").and_then(Value::as_array).map_or(0, Vec::len));
 }
 
 fn openings(out: &mut String, json: &Value) {

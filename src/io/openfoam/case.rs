@@ -198,7 +198,7 @@ fn control(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan) -> Stri
     };
     match &options.waveform {
         None => s.push_str(
-            "application     simpleFoam;\nstartFrom       startTime;\nstartTime       0;\nstopAt          endTime;\nendTime         1000;\ndeltaT          1;\nwriteControl    timeStep;\nwriteInterval   1000;\npurgeWrite      1;\n",
+            "application     simpleFoam;\nstartFrom       startTime;\nstartTime       0;\nstopAt          endTime;\nendTime         2000;\ndeltaT          1;\nwriteControl    timeStep;\nwriteInterval   2000;\npurgeWrite      1;\n",
         ),
         Some(w) => {
             let period = w.period();
@@ -221,6 +221,16 @@ fn control(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan) -> Stri
         options.density,
         names(PatchKind::Wall).join(" ")
     );
+    // Its magnitude as numbers: mean and largest over each wall.
+    s.push_str("    wallShearStressMagnitude { type mag; libs (fieldFunctionObjects); field wallShearStress; result wallShearStressMagnitude; log false; }\n");
+    for wall in names(PatchKind::Wall) {
+        for (what, operation) in [("mean", "areaAverage"), ("max", "max")] {
+            let _ = writeln!(
+                s,
+                "    wallShearStress_{what}_{wall} {{ type surfaceFieldValue; libs (fieldFunctionObjects); fields (wallShearStressMagnitude); operation {operation}; regionType patch; name {wall}; writeFields false; log false; writeControl writeTime; }}"
+            );
+        }
+    }
     let openings: Vec<&str> = [names(PatchKind::Inlet), names(PatchKind::Outlet)].concat();
     for name in &openings {
         for (field, operation) in [("p", "areaAverage"), ("phi", "sum")] {
@@ -289,6 +299,7 @@ fn decompose(faces: &FaceList<'_>, processes: u32) -> String {
 }
 
 fn allrun(solver: &str, processes: u32) -> String {
+    let steady = solver == "simpleFoam";
     format!(
         r#"#!/bin/sh
 # ./Allrun            check the mesh and solve
@@ -310,10 +321,19 @@ else
     {solver} > log.{solver} 2>&1
 fi
 tail -n 3 log.{solver}
-"#,
+{verdict}"#,
+        verdict = if steady { CONVERGED } else { "" },
         n = processes.max(1)
     )
 }
+
+/// What a steady run says at its end.
+const CONVERGED: &str = r#"grep -h 'solution converged' log.simpleFoam || {
+    echo "NOT CONVERGED: simpleFoam stopped at the endTime of system/controlDict with residuals above system/fvSolution's" >&2
+    echo "residualControl (see the end of log.simpleFoam). Raise endTime, set startFrom latestTime and run simpleFoam to go on." >&2
+    exit 1
+}
+"#;
 
 const ALLCLEAN: &str = r#"#!/bin/sh
 # Removes everything that Allrun made.

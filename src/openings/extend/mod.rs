@@ -252,8 +252,10 @@ pub fn clear(surface: &dyn Implicit, mask: &Mask, openings: &[Opening], wanted: 
             Err(e) => return Err(e),
         };
         let Some(n) = extensions.iter().position(|e| e.opening == name) else { return Err(collision) };
-        // The straight wall goes on beyond the new end, and a dome closes it.
-        let length = (distance - equivalent_radius(surface, &openings[openings.iter().position(|o| o.name == name).unwrap_or(0)])?).min(0.9 * extensions[n].length);
+        // Beyond the new end the wall goes straight on and a dome closes it: 1.3 radii, and the distance is that of a ring,
+        // half a radius apart from the next.
+        let Some(opening) = openings.iter().find(|o| o.name == name) else { return Err(collision) };
+        let length = (distance - 2.0 * equivalent_radius(surface, opening)?).min(0.9 * extensions[n].length);
         if length < LEAST_LEFT * wanted[n].length {
             return Err(collision);
         }
