@@ -222,7 +222,7 @@ fn control(faces: &FaceList<'_>, options: &FlowOptions, plan: &FlowPlan) -> Stri
         names(PatchKind::Wall).join(" ")
     );
     // Its magnitude as numbers: mean and largest over each wall.
-    s.push_str("    wallShearStressMagnitude { type mag; libs (fieldFunctionObjects); field wallShearStress; result wallShearStressMagnitude; log false; }\n");
+    s.push_str("    wallShearStressMagnitude { type mag; libs (fieldFunctionObjects); field wallShearStress; result wallShearStressMagnitude; log false; writeControl writeTime; }\n");
     for wall in names(PatchKind::Wall) {
         for (what, operation) in [("mean", "areaAverage"), ("max", "max")] {
             let _ = writeln!(
