@@ -78,7 +78,8 @@ fn extensions_move_the_openings_out_and_keep_area_and_quality() {
     let dir = folder();
     let dir = dir.path();
     done(&["phantom", "bend", "-o", "case"], dir);
-    let common = ["run", "case/case.yaml", "--stop-after", "surface", "--set", "surface.scale=1.5"];
+    // At the default size: polygons of fewer edges enclose areas that differ by more than sections do.
+    let common = ["run", "case/case.yaml", "--stop-after", "surface"];
     done(&[&common[..], &["-o", "plain"]].concat(), dir);
     let long = ["-o", "long", "--set", "extensions.length=3 D", "--set", "extensions.blend=1 D", "--set", "extensions.openings={outlet_1: {length: 8 mm}}"];
     done(&[&common[..], &long].concat(), dir);
@@ -108,7 +109,10 @@ fn a_surface_is_meshed_anew_closed_or_open_at_its_ends() {
         done(&["mesh", file, "-o", out, "--stop-after", "surface", "--set", "surface.scale=1.5"], dir);
         let r = report(&dir.join(out));
         assert_eq!(r["input"]["holes_closed"].as_array().expect("holes").len(), holes);
-        assert!(number(&r["surface"]["s_max"]) <= 0.45, "{}", r["surface"]["s_max"]);
+        for worst in r["surface"]["worst"].as_array().expect("worst") {
+            let limit = if worst["patch"] == "wall" { 0.45 } else { 0.5 };
+            assert!(number(&worst["s"]) <= limit, "{worst}");
+        }
         assert_eq!(r["openings"].as_array().expect("openings").len(), 2);
         let diagonal = number(&first["fidelity"]["voxel_diagonal"]);
         let off = number(&r["fidelity"]["to_input_surface"]["median"]);

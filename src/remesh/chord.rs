@@ -34,13 +34,15 @@ const MEAN_OF_MIDDLE: f64 = 0.75;
 /// A gap of more than this part of a triangle's mean edge is no chord of a smooth wall.
 const LARGEST: f64 = 0.1;
 
-/// Moves the vertices of the wall; those of rims move in their planes, those inside caps stay. No triangle's
+/// Moves the vertices of the wall; those of rims move in their planes, those inside caps and where two
+/// caps meet stay. No triangle's
 /// skewness rises above `target` of its kind (wall, cap) that was not above it before.
 pub fn compensate(mesh: &TriMesh, supports: &Supports, target: [f64; 2]) -> (TriMesh, ChordSummary) {
     let on_wall = |t: usize| mesh.patch.get(t).is_none_or(|&id| supports.plane(id).is_none());
     let gaps: Vec<Option<[f64; 2]>> = (0..mesh.triangles.len()).into_par_iter().map(|t| if on_wall(t) { gap(mesh, supports, t) } else { None }).collect();
     let mut shift = vec![[0.0; 2]; mesh.points.len()];
     let mut rim: Vec<Option<u32>> = vec![None; mesh.points.len()];
+    let mut corner = vec![false; mesh.points.len()];
     for (t, ids) in mesh.triangles.iter().enumerate() {
         for &v in ids {
             match gaps[t] {
@@ -48,7 +50,7 @@ pub fn compensate(mesh: &TriMesh, supports: &Supports, target: [f64; 2]) -> (Tri
                     shift[v as usize][0] += g * area;
                     shift[v as usize][1] += area;
                 }
-                None if !on_wall(t) => rim[v as usize] = Some(mesh.patch[t]),
+                None if !on_wall(t) => corner[v as usize] |= rim[v as usize].replace(mesh.patch[t]).is_some_and(|id| id != mesh.patch[t]),
                 None => {}
             }
         }
@@ -57,6 +59,10 @@ pub fn compensate(mesh: &TriMesh, supports: &Supports, target: [f64; 2]) -> (Tri
         .into_par_iter()
         .map(|v| {
             let [sum, weight] = shift[v];
+            // Where two caps meet, a way in both planes is none across the wall.
+            if corner[v] {
+                return None;
+            }
             let way = if weight > 0.0 { MEAN_OF_MIDDLE * sum / weight } else { return None };
             let normal = supports.wall().gradient(&mesh.points[v]).try_normalize(0.0)?;
             match rim[v].and_then(|id| supports.plane(id)) {
@@ -140,6 +146,31 @@ mod tests {
     use super::*;
     use crate::remesh::testing::{Capsules, polygonize};
     use crate::remesh::{Uniform, isotropic};
+
+    #[test]
+    fn a_vertex_of_two_caps_keeps_both_planes() {
+        let f = Capsules::tube(2.0, 10.0);
+        let (mut mesh, _) = isotropic::remesh(&polygonize(&f, 0.5), &Supports::new(&f), &Uniform(0.8), &Default::default()).expect("remesh");
+        // Two neighbouring triangles stand for caps that share an edge.
+        let [a, b, c] = mesh.triangles[0];
+        let shared = |t: &[u32; 3]| t.contains(&a) && t.contains(&b) && !t.contains(&c);
+        let next = mesh.triangles.iter().position(shared).expect("a neighbour");
+        mesh.patch = vec![WALL; mesh.triangles.len()];
+        (mesh.patch[0], mesh.patch[next]) = (2, 3);
+        let plane = |t: usize| {
+            let [p, q, r] = mesh.corners(t);
+            crate::geometry::Plane::new(p, (q - p).cross(&(r - p))).expect("a plane")
+        };
+        let planes = [plane(0), plane(next)];
+        let supports = Supports::new(&f).with_plane(2, planes[0]).with_plane(3, planes[1]);
+        let (new, _) = compensate(&mesh, &supports, [0.9, 0.9]);
+        for (t, plane) in [0, next].into_iter().zip(planes) {
+            for p in new.corners(t) {
+                assert!(plane.signed_distance(&p).abs() < 1e-12, "{}", plane.signed_distance(&p));
+            }
+        }
+        assert!(new.points != mesh.points);
+    }
 
     #[test]
     fn a_tube_of_coarse_triangles_encloses_its_volume_again() {
