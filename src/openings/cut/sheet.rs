@@ -167,7 +167,9 @@ impl Sheet {
                 }
                 let middle = s.at(&self.points, e);
                 let length = (self.points[e[0] as usize] - self.points[e[1] as usize]).norm();
-                let on_curve = supports.project_curve(WALL, s.opening.id, &middle, 0.5 * length);
+                // On another cap's rim or inside it the point stays in that cap's plane, too.
+                let wall = self.fans[e[0] as usize].iter().all(|&t| self.patch[t as usize] == WALL || !self.triangles[t as usize].contains(&e[1]));
+                let on_curve = if wall { supports.project_curve(WALL, s.opening.id, &middle, 0.5 * length) } else { Some((middle, None)) };
                 new_points.push(on_curve.map_or(s.plane().project(&middle), |c| c.0));
             }
         }
