@@ -4,7 +4,7 @@
     validation/exports/run.sh [--only NAME] [--set KEY=VALUE]... [MASK...]
 
 Without masks: every built-in phantom, and the masks in ../shared/data where that folder is present. `lumenmesh mesh` with
-all exports; then VTK, meshio and Gmsh (tests/read_exports.py), OpenFOAM's two converters of FLUENT meshes with checkMesh
+all exports; then VTK, meshio and Gmsh (tests/read_exports.py; Gmsh where its package is installed), OpenFOAM's two converters of FLUENT meshes with checkMesh
 and the names of the patches, checkMesh on the OpenFOAM case, and `lumenmesh check` on VTU, FLUENT mesh and OpenFOAM case.
 Exit code 1 if a reader says no.
 """
@@ -70,10 +70,18 @@ def row(name, mask, extra, sets):
     return good, line
 
 
+def save(lines, sets):
+    """The page so far, with the notes that stand beside it: a run that is stopped keeps it."""
+    head = f"# Exports through other people's readers\nMade by `validation/exports/run.sh`, settings: {', '.join(sets) or 'all defaults'}, all exports. " \
+           "VTP, VTU, STL, PLY and SimVascular's folder\nread by VTK, Gmsh's file by meshio; OpenFOAM's two converters of FLUENT meshes with the patches' names and checkMesh -allGeometry\n" \
+           "-allTopology; `lumenmesh check` on VTU, FLUENT, Gmsh and OpenFOAM files.\n\n"
+    notes = RESULTS / "notes.md"
+    (RESULTS / "README.md").write_text(head + "\n".join(lines) + "\n\n" + (notes.read_text() if notes.exists() else ""))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", help="cases whose name contains this")
-    parser.add_argument("--title", default="defaults", help="heading and name of the table")
     parser.add_argument("--set", action="append", default=[], help="as for lumenmesh")
     parser.add_argument("masks", nargs="*", type=Path)
     a = parser.parse_args()
@@ -89,7 +97,7 @@ def main():
         bad += not good
         lines.append(line)
         print(line, flush=True)
-        (RESULTS / f"{a.title}.md").write_text(f"Settings: {', '.join(a.set) or 'defaults'}\n\n" + "\n".join(lines) + "\n")
+        save(lines, a.set)
     sys.exit(bad > 0)
 
 
