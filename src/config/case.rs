@@ -215,7 +215,7 @@ pub struct Reconstruction {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = -1.0, max = 1.0))]
     pub offset: Option<f64>,
-    /// Edge of the polygonizer's cube in voxels. Default 0.5 for `cfd`, 0.7 for `paper`.
+    /// Edges of the polygonizer's cells in voxels. Default 0.5 for `cfd`, 0.7 for `paper`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.1, max = 2.0))]
     pub cell: Option<f64>,

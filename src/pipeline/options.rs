@@ -59,6 +59,7 @@ pub fn polygonizer(case: &Case) -> PolygonizeOptions {
     PolygonizeOptions {
         cell: case.reconstruction.cell.unwrap_or(base.cell),
         offset: case.reconstruction.offset.unwrap_or(base.offset),
+        ..base
     }
 }
 

@@ -1,40 +1,52 @@
-//! The cubic lattice on which the polygonizer samples, and the cells it starts from.
+//! The lattice on which the polygonizer samples, and the cells it starts from.
 
 use nalgebra::Matrix3;
 
 use crate::geometry::{Point, Vector};
 use crate::mask::{Grid, Mask, interface};
 
-/// A lattice of cubes in any orientation, left-handed ones included.
+/// A lattice of boxes in any orientation, left-handed ones included.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lattice {
     origin: Point,
     /// Columns: the three edges of a cell.
     axes: Matrix3<f64>,
     inverse: Matrix3<f64>,
-    cell: f64,
+    /// Lengths of these edges, mm.
+    edges: [f64; 3],
 }
 
 impl Lattice {
     /// Cubes of edge `cell` mm along the world axes; `origin` is a corner.
     pub fn axis_aligned(origin: Point, cell: f64) -> Lattice {
-        Lattice { origin, axes: Matrix3::identity() * cell, inverse: Matrix3::identity() / cell, cell }
+        Lattice { origin, axes: Matrix3::identity() * cell, inverse: Matrix3::identity() / cell, edges: [cell; 3] }
     }
 
-    /// Cubes along the axes of `grid`, `cell` times its smallest spacing wide; the centre of voxel (0, 0, 0) is a corner.
-    pub fn along(grid: &Grid, cell: f64) -> Lattice {
+    /// Boxes along the axes of `grid`; the centre of voxel (0, 0, 0) is a corner.
+    ///
+    /// Their edges are `cell` times the voxel's, but none is longer than `stretch` times the shortest: 1 makes cubes.
+    pub fn along(grid: &Grid, cell: f64, stretch: f64) -> Lattice {
         let s = grid.spacing();
-        let h = cell * s[0].min(s[1]).min(s[2]);
-        let scale = Matrix3::from_diagonal(&Vector::new(h / s[0], h / s[1], h / s[2]));
+        let longest = stretch * s[0].min(s[1]).min(s[2]);
+        let edges = s.map(|s| cell * s.min(longest));
+        let scale = Matrix3::from_diagonal(&Vector::new(edges[0] / s[0], edges[1] / s[1], edges[2] / s[2]));
         let axes = grid.axes * scale;
         // A grid's axes are orthogonal to within 1e-3, so this inverse always exists.
-        let inverse = axes.try_inverse().unwrap_or_else(|| axes.transpose() / (h * h));
-        Lattice { origin: grid.origin, axes, inverse, cell: h }
+        let inverse = axes.try_inverse().unwrap_or_else(|| {
+            let squares = edges.map(|h| h * h);
+            Matrix3::from_diagonal(&Vector::from(squares.map(f64::recip))) * axes.transpose()
+        });
+        Lattice { origin: grid.origin, axes, inverse, edges }
     }
 
-    /// Edge of a cell, mm.
+    /// Shortest edge of a cell, mm.
     pub fn cell(&self) -> f64 {
-        self.cell
+        self.edges[0].min(self.edges[1]).min(self.edges[2])
+    }
+
+    /// Longest edge of a cell, mm.
+    pub(super) fn longest(&self) -> f64 {
+        self.edges[0].max(self.edges[1]).max(self.edges[2])
     }
 
     /// Position of a lattice corner.
@@ -62,7 +74,7 @@ impl Lattice {
 /// The cells that meet a voxel with a face neighbour of the other label; beyond the mask lies background.
 pub(super) fn boundary_cells(mask: &Mask, lattice: &Lattice) -> impl Iterator<Item = [i32; 3]> {
     let s = mask.grid.spacing();
-    let per_voxel = s.map(|x| x / lattice.cell);
+    let per_voxel: [f64; 3] = std::array::from_fn(|a| s[a] / lattice.edges[a]);
     let range = move |a: usize, i: i32| {
         let (lo, hi) = ((f64::from(i) - 0.5) * per_voxel[a], (f64::from(i) + 0.5) * per_voxel[a]);
         lo.floor() as i32..hi.ceil() as i32

@@ -236,7 +236,7 @@ pub(super) fn sweep(
     let mut blocks = Blocks::default();
     blocks.want(seeds);
 
-    let slack = (1.0 + SIDE as f64) * 2.0 * lattice.cell() + level.abs();
+    let slack = (1.0 + SIDE as f64) * 2.0 * lattice.longest() + level.abs();
     let bounds = implicit.bounds().inflated(slack);
     loop {
         let found: Vec<Result<Vec<[i32; 3]>, PolygonizeError>> = blocks

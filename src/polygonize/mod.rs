@@ -1,6 +1,6 @@
 //! Bloomenthal's polygonizer, by tetrahedra: the zero set of an implicit function as a closed triangle mesh.
 //!
-//! Cubic cells follow the mask's axes. Every cell is split into six tetrahedra round its body diagonal, the
+//! Box-shaped cells follow the mask's axes: cubes, or longer where voxels are. Every cell is split into six tetrahedra round its body diagonal, the
 //! same way everywhere, so that neighbours agree on their shared faces: the result is a closed, oriented
 //! 2-manifold whatever the function does (J. Bloomenthal, "An implicit surface polygonizer", Graphics Gems IV,
 //! 1994; the cube table of the original is ambiguous and is not used).
@@ -25,29 +25,31 @@ pub use lattice::Lattice;
 /// How finely to sample the surface, and at which level.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PolygonizeOptions {
-    /// Edge of a cubic cell, in units of the smallest voxel spacing. The paper uses 0.7.
+    /// Edges of a cell, in units of the voxel's. The paper uses 0.7.
     pub cell: f64,
+    /// No edge of a cell is longer than this many times its shortest, however long the voxels; 1 makes cubes, as the paper's.
+    pub stretch: f64,
     /// Outward shift of the level, in voxel diagonals. The paper uses 0.05; anything but 0 biases the wall.
     pub offset: f64,
 }
 
 impl Default for PolygonizeOptions {
     fn default() -> Self {
-        PolygonizeOptions { cell: 0.5, offset: 0.0 }
+        PolygonizeOptions { cell: 0.5, stretch: 2.0, offset: 0.0 }
     }
 }
 
 impl PolygonizeOptions {
-    /// The paper's own numbers: cells of 0.7 voxels, shifted outwards by 5 % of the voxel diagonal.
+    /// The paper's own numbers: cubes of 0.7 voxels, shifted outwards by 5 % of the voxel diagonal.
     pub fn paper() -> Self {
-        PolygonizeOptions { cell: 0.7, offset: 0.05 }
+        PolygonizeOptions { cell: 0.7, stretch: 1.0, offset: 0.05 }
     }
 }
 
 /// What the polygonizer did.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PolygonizeSummary {
-    /// Edge of a cell, mm.
+    /// Shortest edge of a cell, mm.
     pub cell: f64,
     /// Level of the surface, mm; positive is outwards.
     pub level: f64,
@@ -119,9 +121,11 @@ pub fn polygonize(
     };
     let cell_ok = options.cell >= 0.05 && options.cell <= 4.0;
     in_range("cell", options.cell, cell_ok, "it must lie between 0.05 and 4 voxels")?;
+    let stretch_ok = options.stretch >= 1.0 && options.stretch <= 20.0;
+    in_range("stretch", options.stretch, stretch_ok, "it must lie between 1 and 20")?;
     let offset_ok = options.offset.abs() <= 2.0;
     in_range("offset", options.offset, offset_ok, "it must lie between -2 and 2 voxel diagonals")?;
-    let lattice = Lattice::along(&mask.grid, options.cell);
+    let lattice = Lattice::along(&mask.grid, options.cell, options.stretch);
     let level = options.offset * mask.grid.voxel_diagonal();
     // Many short parallel loops: from a thread of the pool they start without waking and waiting.
     rayon::scope(|_| march::sweep(implicit, &lattice, lattice::boundary_cells(mask, &lattice), level))

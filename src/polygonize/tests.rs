@@ -102,7 +102,7 @@ fn the_surface_is_followed_beyond_the_mask_that_started_it() {
     m.data[g.linear(23, 14, 14).unwrap()] = 1;
     let (s, _) = polygonize(&f, &m, &PolygonizeOptions::default()).unwrap();
     assert_eq!(euler(&s), 2);
-    let (t, _) = polygonize_from(&f, &Lattice::along(&g, 0.5), &[c + Vector::x() * 9.0], 0.0).unwrap();
+    let (t, _) = polygonize_from(&f, &Lattice::along(&g, 0.5, 3.0), &[c + Vector::x() * 9.0], 0.0).unwrap();
     assert_eq!(s, t);
 }
 
@@ -111,7 +111,7 @@ fn the_offset_moves_the_wall_outwards_by_voxel_diagonals() {
     let g = grid([1.0; 3], [24, 24, 24], Matrix3::identity());
     let f = Balls { centers: vec![g.to_world(Vector::new(11.5, 11.5, 11.5))], radius: 6.0 };
     let m = digitise(&f, g);
-    let (s, _) = polygonize(&f, &m, &PolygonizeOptions { cell: 0.7, offset: 0.1 }).unwrap();
+    let (s, _) = polygonize(&f, &m, &PolygonizeOptions { cell: 0.7, offset: 0.1, ..Default::default() }).unwrap();
     for p in &s.points {
         approx::assert_abs_diff_eq!(f.value(p), 0.1 * 3f64.sqrt(), epsilon = 1e-3);
     }
@@ -122,7 +122,7 @@ fn a_corner_exactly_on_the_surface_makes_no_zero_length_edge() {
     let g = Grid::new([16, 16, 16], [1.0; 3], Point::origin(), Matrix3::identity()).unwrap();
     let f = Balls { centers: vec![Point::new(8.0, 8.0, 8.0)], radius: 5.0 };
     let m = digitise(&f, g);
-    let (s, _) = polygonize(&f, &m, &PolygonizeOptions { cell: 1.0, offset: 0.0 }).unwrap();
+    let (s, _) = polygonize(&f, &m, &PolygonizeOptions { cell: 1.0, ..Default::default() }).unwrap();
     assert_eq!(euler(&s), 2);
     for t in 0..s.triangles.len() {
         let [a, b, c] = s.corners(t);
@@ -153,6 +153,6 @@ fn an_empty_mask_and_a_broken_function_are_named() {
     let empty = Mask::new(g.clone(), vec![0; g.len()]);
     assert!(matches!(polygonize(&f, &empty, &PolygonizeOptions::default()), Err(PolygonizeError::NoSurface { .. })));
     assert!(matches!(polygonize(&Broken, &m, &PolygonizeOptions::default()), Err(PolygonizeError::NotFinite { .. })));
-    let options = PolygonizeOptions { cell: f64::NAN, offset: 0.0 };
+    let options = PolygonizeOptions { cell: f64::NAN, ..Default::default() };
     assert!(matches!(polygonize(&f, &m, &options), Err(PolygonizeError::Option { name: "cell", .. })));
 }

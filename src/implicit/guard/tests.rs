@@ -51,7 +51,7 @@ fn nothing_vanishes_and_nothing_bulges_whatever_the_function_says() {
                 assert_eq!(g.value(&p) < 0.0, m.at(v[0], v[1], v[2]), "{f} at {v:?}");
             }
         }
-        let (mesh, _) = polygonize(&g, &m, &PolygonizeOptions { cell: 0.4, offset: 0.0 }).unwrap();
+        let (mesh, _) = polygonize(&g, &m, &PolygonizeOptions { cell: 0.4, ..Default::default() }).unwrap();
         let report = check(&mesh);
         assert!(report.is_closed_manifold());
         assert_eq!((report.components, report.euler), (1, 2), "{f}");
@@ -117,7 +117,7 @@ fn no_sheet_stands_far_off_where_voxels_are_six_times_as_long_as_wide() {
         let (d, _) = g.boundary().signed_distance(&p);
         assert!(g.value(&p) > 0.0 || d <= g.boundary().widest_band(), "{p} is {d} mm away");
     }
-    let (mesh, _) = polygonize(&g, &m, &PolygonizeOptions { cell: 1.0, offset: 0.0 }).unwrap();
+    let (mesh, _) = polygonize(&g, &m, &PolygonizeOptions { cell: 1.0, ..Default::default() }).unwrap();
     assert_eq!((check(&mesh).components, check(&mesh).euler), (1, 2));
 }
 
@@ -140,7 +140,7 @@ fn the_narrowest_guard_leaves_the_masks_own_topology() {
     assert!(guards.windows(2).all(|g| g[1].band < g[0].band && g[1].share < g[0].share));
     let boundary = MaskBoundary::new(&m, guards.last().unwrap()).unwrap();
     for all in [-9.0, 9.0] {
-        let (mesh, _) = polygonize(&Guarded::new(Constant(all), boundary.clone()), &m, &PolygonizeOptions { cell: 0.5, offset: 0.0 }).unwrap();
+        let (mesh, _) = polygonize(&Guarded::new(Constant(all), boundary.clone()), &m, &PolygonizeOptions { cell: 0.5, ..Default::default() }).unwrap();
         let report = check(&mesh);
         assert!(report.is_closed_manifold());
         assert_eq!((report.components, report.euler), (wanted.components, 2 * wanted.euler), "{all}");
