@@ -270,7 +270,7 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
     let values = coarse.labels.sample(&c);
     let mut hard = coarse.below(&values, -options.refine_beyond as f32);
     let mut summary = SmoothSummary {
-        unknowns: coarse.band.len(),
+        unknowns: coarse.band.coefficients(),
         refined: 0,
         labels: coarse.labels.labels.len(),
         products: [products, 0],
@@ -379,7 +379,7 @@ fn subdivide(from: &Band, c: &[f32], to: &Band) -> Vec<f32> {
         subdivided(from, c, &to.nodes, [r.x, r.y, r.z], |_| None, &mut out);
         out
     };
-    labels::in_order(to.runs.par_iter().map(run).collect())
+    to.fill(0.0, run)
 }
 
 /// The coefficients in tiles.

@@ -25,8 +25,8 @@ pub(super) const TERMS: [([usize; 3], f32); 10] = [
 /// Most coefficients of a chunk.
 pub(super) const CHUNK: usize = 12;
 
-/// A row of a neighbourhood that has gaps, or no room for a whole line behind it.
-pub(super) const APART: u32 = u32::MAX;
+/// Nodes of a row that a chunk's differences look at, and a few more: a whole number of the processor's vectors.
+pub(super) const LINE: usize = CHUNK + 4;
 
 /// Consecutive coefficients of a row.
 #[derive(Debug, Clone, Copy)]
@@ -59,7 +59,7 @@ impl Nodes {
         let low = refine.map(|m| -(m + 2 * step + m / 2) / step - 2);
         let dims = std::array::from_fn(|a| {
             let high = mask.grid.dims[a] as i32 * refine[a] + 2 * step + refine[a] / 2;
-            (high / step + 2 - low[a] + 1) as usize
+            (high / step + 3 - low[a] + 1) as usize
         });
         Nodes { refine, step, low, dims }
     }
@@ -81,124 +81,124 @@ impl Nodes {
 }
 
 /// The band: which nodes carry a coefficient.
+///
+/// The coefficients are stored with idle places between them, always 0, so that every row of a chunk's neighbourhood is
+/// one piece.
 pub(super) struct Band {
     pub nodes: Nodes,
     pub runs: Vec<Run>,
-    /// The runs cut to at most [`CHUNK`] coefficients, and the first of each layer.
+    /// Runs of coefficients at which a difference of [`TERMS`] starts, at most [`CHUNK`] long, and the first of each layer.
     pub chunks: Vec<Run>,
     pub chunk_layers: Vec<u32>,
-    /// Per chunk, where the ten rows of its neighbourhood begin that are whole, in the order of `energy::slot`; [`APART`] where not.
+    /// Per chunk and coefficient, bit t: the t-th difference that starts there lies in the band. 0 behind the chunk's own.
+    pub valid: Vec<[u16; CHUNK]>,
+    /// Per chunk, where the ten rows of its neighbourhood begin, in the order of `energy::slot`.
     pub places: Vec<[u32; 10]>,
     /// First run of each row (y fastest), and the number of runs at the end.
     rows: Vec<u32>,
-    /// First coefficient of each z layer, and their number at the end.
+    /// First place of each z layer, and the number of places at the end.
     pub layers: Vec<u32>,
-    /// Bit t: the t-th difference of [`TERMS`] that starts here lies in the band.
-    pub valid: Vec<u16>,
 }
 
 impl Band {
     /// The nodes that carry the spline at the voxels `near`, and half a voxel round them.
     pub fn of(nodes: Nodes, near: &[Near]) -> Band {
-        let dims = nodes.dims;
-        let active = mark(&nodes, near);
-        let mut band = Band {
-            nodes,
-            runs: Vec::new(),
-            chunks: Vec::new(),
-            chunk_layers: Vec::with_capacity(dims[2] + 1),
-            places: Vec::new(),
-            rows: Vec::with_capacity(dims[1] * dims[2] + 1),
-            layers: Vec::with_capacity(dims[2] + 1),
-            valid: Vec::new(),
-        };
-        let mut start = 0u32;
-        for (r, row) in active.chunks(dims[0]).enumerate() {
-            if r % dims[1] == 0 {
-                band.layers.push(start);
-                band.chunk_layers.push(band.chunks.len() as u32);
-            }
-            band.rows.push(band.runs.len() as u32);
-            let (y, z) = ((r % dims[1]) as i32, (r / dims[1]) as i32);
-            let mut x = 0;
-            while let Some(a) = row[x..].iter().position(|&v| v != 0) {
-                let a = x + a;
-                let len = row[a..].iter().position(|&v| v == 0).unwrap_or(row.len() - a);
-                band.runs.push(Run { x: a as i32, len: len as u32, start, y, z });
-                for from in (0..len).step_by(CHUNK) {
-                    let len = (len - from).min(CHUNK) as u32;
-                    band.chunks.push(Run { x: (a + from) as i32, len, start: start + from as u32, y, z });
-                }
-                start += len as u32;
-                x = a + len;
+        let [nx, ny, nz] = nodes.dims;
+        let mut marked = mark(&nodes, near);
+        let mut runs = Vec::new();
+        let mut rows = Vec::with_capacity(ny * nz + 1);
+        for r in 0..ny * nz {
+            rows.push(runs.len() as u32);
+            let (y, z) = ((r % ny) as i32, (r / ny) as i32);
+            for (x, len) in marked.pieces(r) {
+                runs.push(Run { x: x as i32, len: len as u32, start: 0, y, z });
+                // How many nodes there are from each on, as far as differences reach.
+                marked.bytes[nx * r + x..][..len].iter_mut().rev().zip(1..).for_each(|(v, n)| *v = n.min(4));
             }
         }
-        band.rows.push(band.runs.len() as u32);
-        band.layers.push(start);
-        band.chunk_layers.push(band.chunks.len() as u32);
-        // The box holds two more nodes than any active one needs, so that no index leaves the array.
-        let valid: Vec<Vec<u16>> = band
-            .runs
-            .par_iter()
-            .map(|r| {
-                let base = r.x as usize + dims[0] * (r.y as usize + dims[1] * r.z as usize);
-                (base..base + r.len as usize)
-                    .map(|n| {
-                        let at = |i: usize, j: usize, k: usize| {
-                            active.get(n + i + dims[0] * (j + dims[1] * k)).is_some_and(|&a| a != 0)
-                        };
-                        let mut bits = 0u16;
-                        for (t, (o, _)) in TERMS.iter().enumerate() {
-                            let all = (0..=o[2]).all(|k| (0..=o[1]).all(|j| (0..=o[0]).all(|i| at(i, j, k))));
-                            bits |= u16::from(all) << t;
-                        }
-                        bits
-                    })
-                    .collect()
+        rows.push(runs.len() as u32);
+        let cut = |r: &Run| chunks_of(&marked.bytes, [nx, ny], r);
+        let (chunks, valid): (Vec<Run>, Vec<[u16; CHUNK]>) = in_order(runs.par_iter().map(cut).collect()).into_iter().unzip();
+        // What is stored: the band, and what the chunks look at.
+        for c in &chunks {
+            for (j, k) in ROWS {
+                marked.fill(c.x as usize, c.len as usize + 3, (c.y + j) as usize + ny * (c.z + k) as usize);
+            }
+        }
+        let mut start = 0u32;
+        let mut stored = Vec::new();
+        let mut stored_rows = Vec::with_capacity(ny * nz + 1);
+        let mut layers = Vec::with_capacity(nz + 1);
+        for r in 0..ny * nz {
+            if r % ny == 0 {
+                // Room behind the last row for a whole line.
+                start += if layers.last().is_some_and(|&l| l < start) { LINE as u32 } else { 0 };
+                layers.push(start);
+            }
+            stored_rows.push(stored.len() as u32);
+            let mut own = runs[rows[r] as usize..rows[r + 1] as usize].iter_mut().peekable();
+            for (x, len) in marked.pieces(r) {
+                while let Some(run) = own.next_if(|run| run.x < (x + len) as i32) {
+                    run.start = start + run.x as u32 - x as u32;
+                }
+                stored.push((x as u32, start));
+                start += len as u32;
+            }
+        }
+        stored_rows.push(stored.len() as u32);
+        layers.push(start + LINE as u32);
+        let place = |c: &Run| {
+            ROWS.map(|(j, k)| {
+                let r = (c.y + j) as usize + ny * (c.z + k) as usize;
+                let row = &stored[stored_rows[r] as usize..stored_rows[r + 1] as usize];
+                let (x, start) = row[row.partition_point(|p| p.0 <= c.x as u32).saturating_sub(1)];
+                start + c.x as u32 - x
             })
-            .collect();
-        band.valid = in_order(valid);
-        let room = band.len().saturating_sub(CHUNK + 4);
-        let place = |r: &Run, j: usize, k: usize| {
-            let at = band.place(r.x, r.y + j as i32, r.z + k as i32, r.len as i32 + 3);
-            at.filter(|&at| at as usize <= room).unwrap_or(APART)
         };
-        let places = |r: &Run| {
-            let mut out = [APART; 10];
-            (0..4).for_each(|k| (0..4 - k).for_each(|j| out[slot(j, k)] = place(r, j, k)));
-            out
-        };
-        band.places = band.chunks.par_iter().map(places).collect();
+        let places = chunks.par_iter().map(place).collect();
+        let mut band = Band { nodes, runs, chunks, chunk_layers: Vec::new(), valid, places, rows, layers };
+        band.count_chunks();
         band
+    }
+
+    fn count_chunks(&mut self) {
+        let mut layers = vec![0u32; self.nodes.dims[2] + 1];
+        self.chunks.iter().for_each(|c| layers[c.z as usize + 1] += 1);
+        (1..layers.len()).for_each(|z| layers[z] += layers[z - 1]);
+        self.chunk_layers = layers;
     }
 
     /// Leaves out the chunks none of whose differences touches a coefficient that may change.
     pub fn skip_frozen(&mut self, frozen: &[bool]) {
-        let mut layers = vec![0u32; self.chunk_layers.len()];
-        let touches = |r: &Run| {
-            (0..4).any(|k| {
-                (0..4 - k).any(|j| {
-                    let mut free = [0u8; CHUNK + 3];
-                    self.fetch_with(r.y + j, r.z + k, r.x, &mut free, |n| u8::from(!frozen[n]));
-                    free[..r.len as usize + 3].contains(&1)
-                })
-            })
-        };
-        let kept: Vec<bool> = self.chunks.par_iter().map(touches).collect();
-        let chunks: Vec<Run> = self.chunks.iter().zip(&kept).filter(|(_, k)| **k).map(|(c, _)| *c).collect();
-        self.places = self.places.iter().zip(&kept).filter(|(_, k)| **k).map(|(c, _)| *c).collect();
-        for c in &chunks {
-            layers[c.z as usize + 1] += 1;
-        }
-        for z in 1..layers.len() {
-            layers[z] += layers[z - 1];
-        }
-        (self.chunks, self.chunk_layers) = (chunks, layers);
+        let touches = |(c, places): (&Run, &[u32; 10])| places.iter().any(|&at| !frozen[at as usize..][..c.len as usize + 3].iter().all(|&f| f));
+        let kept: Vec<bool> = self.chunks.par_iter().zip(&self.places).map(touches).collect();
+        let mut flags = kept.iter();
+        self.chunks.retain(|_| flags.next() == Some(&true));
+        let mut flags = kept.iter();
+        self.places.retain(|_| flags.next() == Some(&true));
+        let mut flags = kept.iter();
+        self.valid.retain(|_| flags.next() == Some(&true));
+        self.count_chunks();
+    }
+
+    /// Places of coefficients, the idle ones included.
+    pub fn len(&self) -> usize {
+        self.layers.last().map_or(0, |&n| n as usize)
     }
 
     /// Number of coefficients.
-    pub fn len(&self) -> usize {
-        self.valid.len()
+    pub fn coefficients(&self) -> usize {
+        self.runs.iter().map(|r| r.len as usize).sum()
+    }
+
+    /// For every place of a coefficient what `f` makes of its run; `idle` at the others.
+    pub fn fill<T: Copy + Send>(&self, idle: T, f: impl Fn(&Run) -> Vec<T> + Sync + Send) -> Vec<T> {
+        let mut out = vec![idle; self.len()];
+        let parts: Vec<Vec<T>> = self.runs.par_iter().map(f).collect();
+        for (r, part) in self.runs.iter().zip(parts) {
+            out[r.start as usize..(r.start + r.len) as usize].copy_from_slice(&part);
+        }
+        out
     }
 
     /// The runs of a row; none outside the box.
@@ -251,39 +251,90 @@ impl Band {
             }
         }
     }
+}
 
-    /// As [`Band::fetch`], with what `f` makes of a coefficient's place.
-    fn fetch_with<T>(&self, y: i32, z: i32, x: i32, out: &mut [T], f: impl Fn(usize) -> T) {
-        let end = x + out.len() as i32;
-        for r in self.row(y, z) {
-            for n in r.x.max(x)..(r.x + r.len as i32).min(end) {
-                out[(n - x) as usize] = f((r.start as i32 + n - r.x) as usize);
+/// Rows (y, z) that differences reach, in the order of `energy::slot`.
+const ROWS: [(i32, i32); 10] = [(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (2, 1), (0, 2), (1, 2), (0, 3)];
+
+/// The pieces of a run at which differences start, and which, by how many nodes there are from each node on (at most 4).
+fn chunks_of(nodes: &[u8], [nx, ny]: [usize; 2], r: &Run) -> Vec<(Run, [u16; CHUNK])> {
+    let mut out: Vec<(Run, [u16; CHUNK])> = Vec::new();
+    let mut from = 0;
+    while from < r.len {
+        let len = (r.len - from).min(CHUNK as u32);
+        let at = (r.x as u32 + from) as usize + nx * (r.y as usize + ny * r.z as usize);
+        // Least of the rows up to (j, k).
+        let mut least = [[u8::MAX; CHUNK]; 10];
+        for (row, (j, k)) in ROWS.into_iter().enumerate() {
+            let there = &nodes[at + nx * (j as usize + ny * k as usize)..][..CHUNK];
+            let before = [(j > 0).then(|| slot(j as usize - 1, k as usize)), (k > 0).then(|| slot(j as usize, k as usize - 1))];
+            for i in 0..CHUNK {
+                let low = |s: Option<usize>| s.map_or(u8::MAX, |s| least[s][i]);
+                least[row][i] = there[i].min(low(before[0])).min(low(before[1]));
             }
         }
+        let mut valid = [0u16; CHUNK];
+        for (t, (o, _)) in TERMS.iter().enumerate() {
+            let row = &least[slot(o[1], o[2])];
+            for i in 0..CHUNK {
+                valid[i] |= u16::from(usize::from(row[i]) > o[0]) << t;
+            }
+        }
+        valid[len as usize..].fill(0);
+        let Some(first) = valid.iter().position(|&v| v != 0) else {
+            from += len;
+            continue;
+        };
+        if first > 0 {
+            // The next piece begins where a difference does.
+            from += first as u32;
+            continue;
+        }
+        let len = valid.iter().rposition(|&v| v != 0).map_or(0, |n| n as u32 + 1);
+        out.push((Run { x: r.x + from as i32, len, start: 0, y: r.y, z: r.z }, valid));
+        from += len;
+    }
+    out
+}
+
+/// A byte a node of the box, 0 unless marked, and between which nodes of each row any are.
+struct Marked {
+    width: usize,
+    bytes: Vec<u8>,
+    spans: Vec<std::ops::Range<u32>>,
+}
+
+impl Marked {
+    /// Marks `len` nodes of a row from `x` on.
+    fn fill(&mut self, x: usize, len: usize, row: usize) {
+        let end = (x + len).min(self.width);
+        self.bytes[self.width * row..][x..end].iter_mut().filter(|v| **v == 0).for_each(|v| *v = 1);
+        let span = &mut self.spans[row];
+        *span = if span.start >= span.end { x as u32..end as u32 } else { span.start.min(x as u32)..span.end.max(end as u32) };
     }
 
-    /// Adds `add` to `values` of row (y, z) from `x` on, where there are coefficients; `values` starts at `first`.
-    #[inline]
-    pub fn add(&self, values: &mut [f32], first: usize, y: i32, z: i32, x: i32, add: &[f32]) {
-        let end = x + add.len() as i32;
-        for r in self.row(y, z) {
-            let (a, b) = (r.x.max(x), (r.x + r.len as i32).min(end));
-            if a < b {
-                let to = r.start as usize + (a - r.x) as usize - first;
-                let from = &add[(a - x) as usize..(b - x) as usize];
-                values[to..to + (b - a) as usize].iter_mut().zip(from).for_each(|(v, f)| *v += f);
-            }
-            if r.x >= end {
-                break;
-            }
+    /// First node and length of the pieces of a row that are marked.
+    fn pieces(&self, row: usize) -> Vec<(usize, usize)> {
+        let span = &self.spans[row];
+        let (mut x, end) = (span.start as usize, span.end as usize);
+        let bytes = &self.bytes[self.width * row..][..end];
+        let mut out = Vec::new();
+        while let Some(a) = bytes[x..].iter().position(|&v| v != 0) {
+            let a = x + a;
+            let len = bytes[a..].iter().position(|&v| v == 0).unwrap_or(end - a);
+            out.push((a, len));
+            x = a + len;
         }
+        out
     }
 }
 
-/// One byte a node of the box: whether it carries a coefficient.
-fn mark(nodes: &Nodes, near: &[Near]) -> Vec<u8> {
+/// Which nodes of the box carry a coefficient.
+fn mark(nodes: &Nodes, near: &[Near]) -> Marked {
     let Nodes { refine, step, low, dims } = *nodes;
-    let mut active = vec![0u8; dims.iter().product()];
+    // Differences look three rows and layers on.
+    let beyond = LINE + 3 * dims[0] * (1 + dims[1]);
+    let mut marked = Marked { width: dims[0], bytes: vec![0u8; dims.iter().product::<usize>() + beyond], spans: vec![0..0; dims[1] * dims[2]] };
     for v in near {
         let range = |a: usize| {
             // Twice the distance in finest nodes: four nodes carry the spline, and half a voxel.
@@ -295,10 +346,9 @@ fn mark(nodes: &Nodes, near: &[Near]) -> Vec<u8> {
         let x = range(0);
         for z in range(2) {
             for y in range(1) {
-                let row = dims[0] * (y + dims[1] * z);
-                active[row + x.start..row + x.end].fill(1);
+                marked.fill(x.start, x.len(), y + dims[1] * z);
             }
         }
     }
-    active
+    marked
 }

@@ -2,16 +2,16 @@
 
 use rayon::prelude::*;
 
-use super::band::{APART, Band, CHUNK, TERMS};
+use super::band::{Band, CHUNK, LINE, TERMS};
 
-/// A row of a neighbourhood: [`CHUNK`] nodes and four more.
-pub(super) type Line = [f32; CHUNK + 4];
-pub(super) const ZERO: Line = [0.0; CHUNK + 4];
+/// A row of a neighbourhood.
+pub(super) type Line = [f32; LINE];
+pub(super) const ZERO: Line = [0.0; LINE];
 
 /// y −= x over whole lines: fixed lengths, so that the compiler unrolls it.
 #[inline(always)]
 fn subtract(x: &Line, y: &mut Line) {
-    for i in 0..CHUNK + 4 {
+    for i in 0..LINE {
         y[i] -= x[i];
     }
 }
@@ -19,7 +19,7 @@ fn subtract(x: &Line, y: &mut Line) {
 /// The first differences along the line, in place; what is not a whole difference is never used.
 #[inline(always)]
 pub(super) fn difference(x: &mut Line) {
-    for i in 0..CHUNK + 3 {
+    for i in 0..LINE - 1 {
         x[i] = x[i + 1] - x[i];
     }
 }
@@ -29,7 +29,7 @@ pub(super) fn difference(x: &mut Line) {
 pub(super) fn undifference(x: &mut Line) {
     let old = *x;
     x[0] = -old[0];
-    for i in 1..CHUNK + 4 {
+    for i in 1..LINE {
         x[i] = old[i - 1] - old[i];
     }
 }
@@ -84,35 +84,30 @@ pub(super) fn unacross(rows: &mut [Line; 10]) {
 /// Of the coefficients from a chunk on, the differences across the rows. What lies behind the chunk's own is of no meaning.
 #[inline(always)]
 pub(super) fn differences(band: &Band, x: &[f32], chunk: usize) -> [Line; 10] {
-    let (r, places) = (&band.chunks[chunk], &band.places[chunk]);
     let mut rows = [ZERO; 10];
-    for k in 0..4usize {
-        for j in 0..4 - k {
-            let (line, at) = (&mut rows[slot(j, k)], places[slot(j, k)]);
-            if at == APART {
-                band.fetch(x, r.y + j as i32, r.z + k as i32, r.x, &mut line[..r.len as usize + 3]);
-            } else {
-                line.copy_from_slice(&x[at as usize..at as usize + CHUNK + 4]);
-            }
-        }
+    for (line, &at) in rows.iter_mut().zip(&band.places[chunk]) {
+        line.copy_from_slice(&x[at as usize..at as usize + LINE]);
     }
     across(&mut rows);
     rows
 }
 
-/// Adds the rows of a chunk's neighbourhood, 0 behind its own, to `part`, which starts at the coefficient `first`.
+/// Adds the rows of a chunk's neighbourhood, 0 behind its own, to `part`, which starts at the place `first`.
 #[inline(always)]
 pub(super) fn add(band: &Band, part: &mut [f32], first: usize, chunk: usize, rows: &[Line; 10]) {
-    let (r, places) = (&band.chunks[chunk], &band.places[chunk]);
-    for k in 0..4usize {
-        for j in 0..4 - k {
-            let (line, at) = (&rows[slot(j, k)], (places[slot(j, k)] as usize).wrapping_sub(first));
-            match part.get_mut(at..at.saturating_add(CHUNK + 4)) {
-                Some(to) => (0..CHUNK + 4).for_each(|i| to[i] += line[i]),
-                None => band.add(part, first, r.y + j as i32, r.z + k as i32, r.x, &line[..r.len as usize + 3]),
-            }
-        }
+    for (line, &at) in rows.iter().zip(&band.places[chunk]) {
+        let to = &mut part[at as usize - first..at as usize - first + LINE];
+        (0..LINE).for_each(|i| to[i] += line[i]);
     }
+}
+
+/// Sets to 0 what is no whole difference of the `term`-th kind.
+#[inline(always)]
+pub(super) fn keep_valid(line: &mut Line, valid: &[u16; CHUNK], term: usize) {
+    for i in 0..CHUNK {
+        line[i] *= f32::from(valid[i] >> term & 1);
+    }
+    line[CHUNK..].fill(0.0);
 }
 
 /// The squared differences with their weights, summed at the coefficient where they start.
@@ -121,24 +116,23 @@ pub(super) fn density(band: &Band, terms: &[f32; 10], x: &[f32]) -> Vec<f32> {
         .into_par_iter()
         .with_min_len(64)
         .map(|chunk| {
-            let r = &band.chunks[chunk];
             let mut rows = differences(band, x, chunk);
             let mut out = [0.0f32; CHUNK];
-            let valid = &band.valid[r.start as usize..(r.start + r.len) as usize];
             for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
                 for _ in 0..orders[0] {
                     difference(line);
                 }
-                for ((out, bits), d) in out.iter_mut().zip(valid).zip(line) {
-                    *out += f32::from(bits >> t & 1) * terms[t] * *d * *d;
+                keep_valid(line, &band.valid[chunk], t);
+                for i in 0..CHUNK {
+                    out[i] += terms[t] * line[i] * line[i];
                 }
             }
             out
         })
         .collect();
     let mut out = vec![0.0; band.len()];
-    for (r, part) in band.chunks.iter().zip(parts) {
-        out[r.start as usize..(r.start + r.len) as usize].copy_from_slice(&part[..r.len as usize]);
+    for ((r, places), part) in band.chunks.iter().zip(&band.places).zip(parts) {
+        out[places[0] as usize..][..r.len as usize].copy_from_slice(&part[..r.len as usize]);
     }
     out
 }

@@ -48,10 +48,7 @@ impl Coarse<'_> {
         let nodes = Nodes { step: 1, low: nodes.low.map(|l| 2 * l), dims: nodes.dims.map(|d| 2 * d), ..nodes };
         let mut level = Level::new(self.mask, nodes, &near, true, self.weights.scale);
         let free = Neighbourhood::of(self.mask.grid.dims, voxels, FREE);
-        let mut frozen = Vec::with_capacity(level.band.len());
-        for r in &level.band.runs {
-            frozen.extend((r.x..r.x + r.len as i32).map(|x| !free.holds(nodes.voxel([x, r.y, r.z]).map(|v| v as i16))));
-        }
+        let frozen = level.band.fill(true, |r| (r.x..r.x + r.len as i32).map(|x| !free.holds(nodes.voxel([x, r.y, r.z]).map(|v| v as i16))).collect());
         level.band.skip_frozen(&frozen);
         level.labels.skip_frozen(&frozen);
         let c = subdivide(&self.level.band, &self.c, &level.band);

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::band::{Band, CHUNK, TERMS};
-use super::energy::{self, ZERO, difference, differences, slot, unacross, undifference};
+use super::energy::{self, ZERO, difference, differences, keep_valid, slot, unacross, undifference};
 use super::labels::{Block, Labels, Taps, dot, gather};
 
 /// Layers of a slab: slabs of one parity are worked on at the same time. Products reach from a node to three layers
@@ -94,13 +94,8 @@ impl Quadratic<'_> {
     #[inline(always)]
     fn smoothness(&self, x: &[f32], chunk: usize, part: &mut [f32], first: usize) {
         let band = self.problem.band;
-        let r = &band.chunks[chunk];
-        let (n, at) = (r.len as usize, r.start as usize);
         let mut rows = differences(band, x, chunk);
-        let mut share = [0.0f32; CHUNK];
-        share[..n].copy_from_slice(&self.share[at..at + n]);
-        let valid = &band.valid[at..at + n];
-        let whole = valid.iter().all(|v| *v == (1 << TERMS.len()) - 1);
+        let share = &self.share[band.places[chunk][0] as usize..][..CHUNK];
         for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
             for _ in 0..orders[0] {
                 difference(line);
@@ -108,10 +103,7 @@ impl Quadratic<'_> {
             for i in 0..CHUNK {
                 line[i] *= self.terms[t] * share[i];
             }
-            if !whole {
-                line.iter_mut().zip(valid).for_each(|(d, v)| *d *= f32::from(v >> t & 1));
-            }
-            line[CHUNK..].fill(0.0);
+            keep_valid(line, &band.valid[chunk], t);
             for _ in 0..orders[0] {
                 undifference(line);
             }
@@ -149,15 +141,15 @@ impl Quadratic<'_> {
         let mut out = vec![0.0f32; band.len()];
         slabs(band, &mut out, |z, part, first| {
             for chunk in band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize {
-                let r = &band.chunks[chunk];
-                let (n, at) = (r.len as usize, r.start as usize);
+                let share = &self.share[band.places[chunk][0] as usize..][..CHUNK];
                 let mut rows = [ZERO; 10];
                 for (t, (o, _)) in TERMS.iter().enumerate() {
+                    let mut weight = ZERO;
+                    (0..CHUNK).for_each(|i| weight[i] = self.terms[t] * share[i]);
+                    keep_valid(&mut weight, &band.valid[chunk], t);
                     let mut line = ZERO;
-                    for (i, valid) in band.valid[at..at + n].iter().enumerate() {
-                        for (k, w) in binomial[o[0]].iter().enumerate() {
-                            line[i + k] += f32::from(valid >> t & 1) * self.terms[t] * w * self.share[at + i];
-                        }
+                    for (k, w) in binomial[o[0]].iter().enumerate() {
+                        (0..CHUNK).for_each(|i| line[i + k] += w * weight[i]);
                     }
                     for (k, wk) in binomial[o[2]].iter().enumerate() {
                         for (j, wj) in binomial[o[1]].iter().enumerate() {
