@@ -366,6 +366,17 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
     let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
     let mut implicit = clock.run("reconstruct", || reconstruct::reconstruct(case, source, &mask, report), |_| String::new())?;
     let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
+    let as_wanted = |surface: &TriMesh| {
+        let topology = mesh::topology::check(surface);
+        (topology.euler, topology.components) == (2 * wanted.euler, wanted.components)
+    };
+    // On a noisy mask the fit gives up labels, which can go too far.
+    if !as_wanted(&surface)
+        && let Some(f) = clock.run("reconstruct", || reconstruct::strictly(case, source, &mask, report), |_| String::new())?
+    {
+        implicit = f;
+        (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
+    }
     // The guard costs smoothness where it acts: it is taken where the fit alone has another topology than the mask, and
     // drawn narrower where its band still lets sheets meet.
     let mut guards = GuardOptions::default().narrower();
@@ -373,8 +384,7 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
         guards.next();
     }
     for guard in guards {
-        let topology = mesh::topology::check(&surface);
-        if (topology.euler, topology.components) == (2 * wanted.euler, wanted.components) {
+        if as_wanted(&surface) {
             break;
         }
         context.progress.explain(&format!("the surface has another topology than the mask: it is held within {:.2} voxel diagonals of the mask's boundary", guard.band));

@@ -3,13 +3,14 @@
 //! A mask sampled at voxel centres tells the sign of the distance to the wall there and nothing else. The fit
 //! is the maximum a posteriori estimate of a function u given these signs, −ln p =
 //!
-//! ½ λ τ ∫ ln(1 + |D³u|²/τ) − Σ ln Φ(s·u/σ) + ½ μ Σ (n·∇u − 1)²
+//! ½ λ τ ∫ ln(1 + |D³u|²/τ) − Σ ln(ε + (1 − 2ε) Φ(s·u/σ)) + ½ μ Σ (n·∇u − 1)²
 //!
 //! over the voxels at the wall: s is the voxel's sign, Φ the normal distribution function, n the direction of
 //! ∇u. Third derivatives vanish on quadrics, so tubes and bulges do not shrink as under a membrane or
 //! thin-plate energy; the logarithm (a heavy-tailed prior, met by reweighting λ in every step) lets creases be where vessels
 //! join, so that λ can be large elsewhere; σ well below a voxel lets every centre that the wall nearly touches place it to a
-//! fraction of a voxel; the last term makes u a distance. u is a uniform cubic B-spline, hence C² with exact first
+//! fraction of a voxel; ε, 0 on a clean mask, is the share of labels that are wrong whatever the distance, estimated from the
+//! mask and once more from the fit; the last term makes u a distance. u is a uniform cubic B-spline, hence C² with exact first
 //! and second derivatives, on a band round the wall. The problem is solved by Newton's method with conjugate
 //! gradients.
 //!
@@ -23,6 +24,8 @@ mod band;
 mod critical;
 mod energy;
 mod labels;
+mod likelihood;
+mod noise;
 mod neighbourhood;
 mod refine;
 mod solve;
@@ -60,6 +63,11 @@ pub struct SmoothOptions {
     pub refine_beyond: f64,
     /// Rounds of giving contradicted labels a margin at most.
     pub repairs: usize,
+    /// ε, share of the labels that are wrong whatever the distance; estimated from the mask where `None`. Where it is not 0,
+    /// labels that everything round them contradicts are given up, and the fit is smoother.
+    pub outliers: Option<f64>,
+    /// Keep, on a noisy mask too, every label that the topology might need: where without it the surface has another one.
+    pub strict: bool,
 }
 
 impl Default for SmoothOptions {
@@ -73,6 +81,8 @@ impl Default for SmoothOptions {
             products: 12,
             refine_beyond: 0.2,
             repairs: 8,
+            outliers: None,
+            strict: false,
         }
     }
 }
@@ -88,6 +98,10 @@ pub struct SmoothSummary {
     pub labels: usize,
     /// Products with the system's matrix: of the first two levels, of the finest.
     pub products: [usize; 2],
+    /// Share of the boundary's labels taken for noise; 0 on a clean mask.
+    pub outliers: f64,
+    /// Labels that were given up as noise: contradicted by more than `refine_beyond`.
+    pub given_up: usize,
     /// Labels that were given a margin.
     pub repaired: usize,
     /// Of these, labels the function still contradicts.
@@ -110,6 +124,9 @@ pub enum SmoothError {
         /// Its value.
         value: f64,
     },
+    /// The share of outliers is none.
+    #[error("smooth fit: outliers is {0}; it must be a share from 0 to below 0.5")]
+    Outliers(f64),
     /// Spacing so uneven that the refined grid does not fit.
     #[error("the voxels are {0:.0} times longer than wide; resample the mask to at most 20")]
     Anisotropy(f64),
@@ -228,6 +245,9 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
             return Err(SmoothError::Option { name, value });
         }
     }
+    if let Some(value) = options.outliers.filter(|e| !(0.0..0.5).contains(e)) {
+        return Err(SmoothError::Outliers(value));
+    }
     if let Some(&n) = mask.grid.dims.iter().find(|&&n| n > 32_000) {
         return Err(SmoothError::TooLong(n));
     }
@@ -243,10 +263,15 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
     if near.is_empty() {
         return Err(SmoothError::Empty);
     }
-    let weights = Weights {
-        smoothness: options.smoothness as f32,
-        crease: options.crease as f32,
+    let outliers = options.outliers.unwrap_or_else(|| noise::estimate(mask, &near));
+    let noisy = outliers > 0.0;
+    // Noise looks like creases, so that the prior must not make way for it so soon.
+    let [smoother, duller] = if noisy { [2.0, 3.0] } else { [1.0, 1.0] };
+    let mut weights = Weights {
+        smoothness: (smoother * options.smoothness) as f32,
+        crease: (duller * options.crease) as f32,
         sigma: options.sigma as f32,
+        outliers: outliers as f32,
         gauge: options.gauge as f32,
         scale: std::array::from_fn(|a| (unit * refine[a] as f64 / spacing[a]) as f32),
     };
@@ -265,20 +290,33 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
 
     coarse = level;
     let problem = Problem { band: &coarse.band, labels: &coarse.labels, weights, frozen: &[] };
-    products += problem.newton(&mut c, &[], Effort { sigma: options.sigma, ..effort });
+    let effort = Effort { sigma: options.sigma, ..effort };
+    products += problem.newton(&mut c, &[], effort);
 
-    let values = coarse.labels.sample(&c);
+    let mut values = coarse.labels.sample(&c);
+    if noisy {
+        weights.outliers = noise::share(&coarse.labels.labels, &values, &weights);
+        let problem = Problem { band: &coarse.band, labels: &coarse.labels, weights, frozen: &[] };
+        products += problem.newton(&mut c, &[], effort);
+        values = coarse.labels.sample(&c);
+    }
     let mut hard = coarse.below(&values, -options.refine_beyond as f32);
+    if noisy {
+        hard = noise::crowded(&coarse.labels.labels, &hard);
+    }
     let mut summary = SmoothSummary {
         unknowns: coarse.band.coefficients(),
         refined: 0,
         labels: coarse.labels.labels.len(),
         products: [products, 0],
+        outliers: f64::from(weights.outliers),
+        given_up: 0,
         repaired: 0,
         contradicted: 0,
         contradictions: Vec::new(),
     };
-    let base = Coarse { mask, level: coarse, c, near: &near, weights, effort: Effort { sigma: options.sigma, ..effort } };
+    let leniently = noisy && !options.strict;
+    let base = Coarse { mask, level: coarse, c, near: &near, weights, effort, leniently };
     hard.extend(base.must_keep(None));
 
     let fine = if hard.is_empty() { TiledSpline::nowhere() } else { base.refine(&hard, options.repairs, &mut summary) };
@@ -302,6 +340,14 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
         unit,
         bounds,
     };
+    if noisy {
+        let against = |n: &Near| {
+            let v = n.voxel.map(i64::from);
+            let side = if mask.at(v[0], v[1], v[2]) { -1.0 } else { 1.0 };
+            side * f.value(&g.to_world(Vector::from(n.voxel.map(f64::from)))) < -options.refine_beyond * unit
+        };
+        summary.given_up = near.par_iter().filter(|n| against(n)).count();
+    }
     Ok((f, summary))
 }
 
@@ -325,9 +371,9 @@ impl Level {
     }
 
     /// Labels of this level, with these values, that are contradicted and that the topology needs.
-    fn must_keep(&self, mask: &Mask, values: &[[f32; 4]]) -> Vec<usize> {
+    fn must_keep(&self, mask: &Mask, values: &[[f32; 4]], leniently: bool) -> Vec<usize> {
         let amount = |l: usize| -f32::from(self.labels.labels[l].sign) * values[l][0];
-        critical::critical(mask, &self.labels.labels, &self.below(values, 0.0), amount)
+        critical::critical(mask, &self.labels.labels, &self.below(values, 0.0), leniently, amount)
     }
 }
 

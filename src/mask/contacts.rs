@@ -93,9 +93,10 @@ const PASSES_WITH_REMOVAL: usize = 3;
 
 /// Flips single voxels until no contact is left.
 ///
-/// A background voxel between the touching ones is filled; where every such filling would change the topology, and
-/// taking one of the touching voxels away would not, that is done instead. Among several the one that undoes the most
-/// contacts wins, then the one with the most lumen round it, then the first in scan order.
+/// A background voxel between the touching ones is filled, or one of the touching voxels taken away, whichever leaves the
+/// topology as it is. Where both do, the labels round about decide, so that noise shifts the wall neither way, but where the
+/// lumen is thin it is filled; where neither does, too. Among several of a kind the one that undoes the most contacts wins,
+/// then the one with the most lumen round it, then the first in scan order.
 pub(super) fn resolve(work: &mut Workspace) -> Flips {
     let table = contacts();
     let mut flips = Flips::default();
@@ -122,6 +123,9 @@ pub(super) fn resolve(work: &mut Workspace) -> Flips {
     flips
 }
 
+/// Lumen voxels of the 5×5×5 round one at which it belongs to no thin part.
+const THIN: usize = 32;
+
 /// The voxel to flip at a block with a contact; `None` where there is no contact (any more).
 fn best_flip(work: &Workspace, table: &[u8; 256], n: usize, may_remove: bool) -> Option<usize> {
     let code = code_of(&work.data, work.dims, n);
@@ -140,13 +144,33 @@ fn best_flip(work: &Workspace, table: &[u8; 256], n: usize, may_remove: bool) ->
     let fills = (0..8).filter(|b| open >> b & 1 != 0 && work.may_fill(corner(work.dims, n, *b)));
     let removals = (0..8).filter(|b| may_remove && code >> b & 1 != 0 && touches(code, *b));
     let fill = fills.map(score).max();
-    match fill {
-        Some((key, v)) if key.0 => Some(v),
-        _ => {
-            let removal = removals.map(score).filter(|(key, _)| key.0 && key.2 > 0).max();
-            removal.or(fill).map(|(_, v)| v)
+    let removal = removals.map(score).filter(|(key, _)| key.0 && key.2 > 0).max();
+    match (fill, removal) {
+        // Both keep the topology: what more of the voxels round about say, save where the lumen is thin.
+        (Some((key, v)), Some((_, w))) if key.0 => {
+            let ([for_fill, _], [lumen, all]) = (about(work, v), about(work, w));
+            Some(if lumen >= THIN && all - lumen > for_fill { w } else { v })
+        }
+        (Some((key, v)), _) if key.0 => Some(v),
+        _ => removal.or(fill).map(|(_, v)| v),
+    }
+}
+
+/// Lumen voxels, and all, of the 5×5×5 voxels round one, as far as the array goes.
+fn about(work: &Workspace, n: usize) -> [usize; 2] {
+    let [nx, ny, nz] = work.dims;
+    let span = |c: usize, size: usize| c.saturating_sub(2)..(c + 3).min(size);
+    let mut count = [0; 2];
+    for k in span(n / (nx * ny), nz) {
+        for j in span(n / nx % ny, ny) {
+            let row = nx * (j + ny * k);
+            for &v in &work.data[row..][span(n % nx, nx)] {
+                count[0] += usize::from(v & 1);
+                count[1] += 1;
+            }
         }
     }
+    count
 }
 
 /// Whether a lumen voxel of a block is one of those that touch.

@@ -14,7 +14,7 @@ mod morphology;
 pub(crate) mod neighborhood;
 mod select;
 mod thickness;
-mod topology;
+pub(crate) mod topology;
 mod tunnels;
 mod workspace;
 

@@ -16,6 +16,21 @@ const SURFACE_PITCH: f64 = 0.7;
 /// How far the fit may lie from them, in voxels: they are exact, facets apart.
 const SURFACE_TOLERANCE: f64 = 0.1;
 
+/// The smooth fit once more, with every label kept that the topology might need; `None` where the mask is not noisy or the wall
+/// comes from something else.
+pub(super) fn strictly(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -> Result<Option<Box<dyn Implicit>>, Error> {
+    let by_mask = matches!(source, Source::Mask) || case.reconstruction.method.is_some();
+    if !by_mask || !matches!(options::method(case), Method::Smooth) {
+        return Ok(None);
+    }
+    let (f, summary) = implicit::smooth::fit(mask, &implicit::smooth::SmoothOptions { strict: true, ..Default::default() })?;
+    if summary.outliers == 0.0 {
+        return Ok(None);
+    }
+    report.put_in("reconstruction", "smooth", &summary);
+    Ok(Some(Box::new(f)))
+}
+
 /// The wall of a component by the method that the case names, or that suits its source.
 pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
     report.put_in("reconstruction", "profile", &case.reconstruction.profile);
@@ -39,6 +54,10 @@ pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mu
     match options::method(case) {
         Method::Smooth => {
             let (f, summary) = implicit::smooth::fit(mask, &Default::default())?;
+            if summary.outliers > 0.0 {
+                let share = 100.0 * summary.outliers;
+                report.warn("reconstruct", format!("the mask is noisy: about {share:.0} % of the voxels at its boundary look wrong, and {} were passed over", summary.given_up));
+            }
             report.put_in("reconstruction", "smooth", &summary);
             Ok(Box::new(f))
         }

@@ -3,17 +3,24 @@
 use std::collections::BTreeSet;
 
 use super::labels::Label;
+use super::noise;
 use crate::mask::Mask;
 use crate::mask::neighborhood::is_simple;
+use crate::mask::topology::topology_of;
 
 /// Neighbours of its own label (of 26) that a voxel needs to be given up: tips and thin sheets have fewer.
 const SUPPORT: u32 = 8;
+/// And on a noisy mask voxels of its label within two voxels (of 125): bumps of a wide part have more.
+const WIDE: usize = 20;
 
 /// Of the labels at `places`, contradicted by `amount` each, those that must be kept, in the same order.
 ///
 /// The others can be flipped one after the other, each a simple point: the digitised fit then differs from the mask by
 /// bumps and dents alone. Voxels of thin parts are never given up, simple or not, or twigs would shrink from their tips.
-pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], amount: impl Fn(usize) -> f32) -> Vec<usize> {
+///
+/// `leniently`, for noisy masks: a voxel with few neighbours of its label belongs to a thin part only if there are few of them
+/// farther round too; neighbours may be flipped together; flipped voxels may touch others in an edge or a corner.
+pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], leniently: bool, amount: impl Fn(usize) -> f32) -> Vec<usize> {
     let mut flipped = BTreeSet::new();
     // Lumen voxels of the 3×3×3 block, a bit each; the middle is bit 13.
     let block = |v: [i16; 3], flipped: &BTreeSet<[i16; 3]>| {
@@ -25,7 +32,7 @@ pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], amount: 
     };
     let thin = |l: &Label| {
         let lumen = (block(l.voxel, &BTreeSet::new()) & !(1 << 13)).count_ones();
-        (if l.sign < 0 { lumen } else { 26 - lumen }) < SUPPORT
+        (if l.sign < 0 { lumen } else { 26 - lumen }) < SUPPORT && !(leniently && noise::support(mask, l.voxel) >= WIDE)
     };
     let mut left: Vec<(usize, bool)> = places.iter().map(|&l| (l, thin(&labels[l]))).collect();
     // The worst contradicted first: they are the surest flips.
@@ -45,14 +52,38 @@ pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], amount: 
             }
             !give_up
         });
-        if left.len() == before {
-            break;
+        if left.len() < before {
+            continue;
         }
+        // Labels that noise made wrong side by side may be flipped together only.
+        let stuck: BTreeSet<[i16; 3]> = left.iter().filter(|k| leniently && !k.1).map(|k| labels[k.0].voxel).collect();
+        let group = stuck.iter().map(|v| noise::cube(*v, 1).filter(|w| stuck.contains(w)).collect::<Vec<_>>()).find(|g| g.len() > 1 && together(mask, g, &flipped));
+        let Some(group) = group else { break };
+        flipped.extend(group);
+        left.retain(|k| !flipped.contains(&labels[k.0].voxel));
     }
-    let touching = |l: &usize| flipped.contains(&labels[*l].voxel) && has_contact(block(labels[*l].voxel, &flipped));
+    let touching = |l: &usize| !leniently && flipped.contains(&labels[*l].voxel) && has_contact(block(labels[*l].voxel, &flipped));
     let mut out: Vec<usize> = left.into_iter().map(|k| k.0).chain(places.iter().copied().filter(touching)).collect();
     out.sort_unstable();
     out
+}
+
+/// Whether flipping the voxels of `group`, which lie in a cube of three, changes no component, tunnel or cavity, whichever
+/// of lumen and background counts as connected over edges.
+fn together(mask: &Mask, group: &[[i16; 3]], flipped: &BTreeSet<[i16; 3]>) -> bool {
+    let low: [i16; 3] = std::array::from_fn(|a| group.iter().map(|v| v[a]).min().unwrap_or(0) - 1);
+    let dims: [usize; 3] = std::array::from_fn(|a| (group.iter().map(|v| v[a]).max().unwrap_or(0) + 2 - low[a]) as usize);
+    let lumen = |with: bool, swap: bool| -> Vec<u8> {
+        (0..dims.iter().product())
+            .map(|n| {
+                let at = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+                let v: [i16; 3] = std::array::from_fn(|a| low[a] + at[a] as i16);
+                let lumen = mask.at(v[0].into(), v[1].into(), v[2].into()) != flipped.contains(&v);
+                u8::from((lumen != (with && group.contains(&v))) != swap)
+            })
+            .collect()
+    };
+    [false, true].into_iter().all(|swap| topology_of(&lumen(false, swap), dims) == topology_of(&lumen(true, swap), dims))
 }
 
 /// Whether the middle voxel and another of its label touch in an edge or a corner alone: which of the two sides is

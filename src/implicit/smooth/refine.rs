@@ -21,6 +21,8 @@ pub(super) struct Coarse<'a> {
     pub near: &'a [Near],
     pub weights: Weights,
     pub effort: Effort,
+    /// Whether labels that noise explains are given up.
+    pub leniently: bool,
 }
 
 /// How far from a contradicted label coefficients may change, and how far their energy reaches, voxels.
@@ -64,7 +66,7 @@ impl Coarse<'_> {
             let fine: BTreeMap<[i16; 3], [f32; 4]> = patch.level.labels.labels.iter().map(|l| l.voxel).zip(fine).collect();
             values.iter_mut().zip(&labels.labels).for_each(|(v, l)| *v = fine.get(&l.voxel).copied().unwrap_or(*v));
         }
-        let mut keep = self.level.must_keep(self.mask, &values);
+        let mut keep = self.level.must_keep(self.mask, &values, self.leniently);
         keep.extend(self.pinched(&values, patch));
         keep.sort_unstable();
         keep.dedup();
@@ -74,8 +76,10 @@ impl Coarse<'_> {
     /// Neighbours between which the function changes its sign twice: a neck or a gap thinner than a voxel.
     fn pinched(&self, values: &[[f32; 4]], patch: Option<&Patch>) -> Vec<usize> {
         let labels = &self.level.labels.labels;
+        // A margin would bring a label back that was given up as noise.
+        let kept = |l: usize| !self.leniently || f32::from(labels[l].sign) * values[l][0] > 0.0;
         let close: BTreeMap<[i16; 3], usize> =
-            (0..labels.len()).filter(|&l| values[l][0].abs() < PINCH).map(|l| (labels[l].voxel, l)).collect();
+            (0..labels.len()).filter(|&l| values[l][0].abs() < PINCH && kept(l)).map(|l| (labels[l].voxel, l)).collect();
         let pairs: Vec<(usize, usize, usize)> = close
             .iter()
             .flat_map(|(v, &l)| {

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::band::{Band, CHUNK, TERMS};
 use super::energy::{self, ZERO, difference, differences, keep_valid, slot, unacross, undifference};
 use super::labels::{Block, Labels, Taps, dot, gather};
+use super::likelihood;
 
 /// Layers of a slab: slabs of one parity are worked on at the same time. Products reach from a node to three layers
 /// above, so that slabs of one parity touch no common layer.
@@ -22,6 +23,8 @@ pub(super) struct Weights {
     pub crease: f32,
     /// Width of the probit likelihood of a voxel's label.
     pub sigma: f32,
+    /// Share of labels that are wrong, whatever the distance.
+    pub outliers: f32,
     /// Of (n·∇u − 1)².
     pub gauge: f32,
     /// Finest nodes a smallest spacing, per axis.
@@ -232,23 +235,6 @@ fn spread(sum: &mut Block, value: &Block, along: &Block, p: f32, q: f32) {
     }
 }
 
-/// φ(z)/Φ(z): minus the derivative of −ln Φ. Exact to 1e-6 for all z.
-fn hazard(z: f64) -> f64 {
-    if z > 8.0 {
-        return 0.0;
-    }
-    if z < -4.0 {
-        // Continued fraction of Mills' ratio.
-        let x = -z;
-        return x + 1.0 / (x + 2.0 / (x + 3.0 / (x + 4.0 / (x + 5.0 / (x + 6.0 / x)))));
-    }
-    // Abramowitz and Stegun 26.2.17.
-    let phi = (-0.5 * z * z).exp() * 0.398_942_280_401_432_7;
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let tail = phi * t * (0.319_381_530 + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    phi / if z > 0.0 { 1.0 - tail } else { tail }
-}
-
 fn inner(a: &[f32], b: &[f32]) -> f64 {
     let parts: Vec<f64> = a
         .par_chunks(4096)
@@ -352,12 +338,14 @@ impl<'a> Problem<'a> {
                 .enumerate()
                 .map(|(i, (v, l))| {
                     let s = f64::from(l.sign);
-                    let z = (s * f64::from(v[0]) - margin.get(i).map_or(0.0, |&m| f64::from(m))) / sigma;
-                    let r = hazard(z);
+                    let margin = margin.get(i).map_or(0.0, |&m| f64::from(m));
+                    // What the topology needs is no outlier.
+                    let outliers = if margin > 0.0 { 0.0 } else { f64::from(w.outliers) };
+                    let (slope, curvature) = likelihood::derivatives((s * f64::from(v[0]) - margin) / sigma, outliers);
                     let len = (v[1] * v[1] + v[2] * v[2] + v[3] * v[3]).sqrt();
                     // Unit slope is asked for next to the wall alone.
                     let normal = if len > 0.05 && l.axes != 0 { [v[1], v[2], v[3]].map(|v| root * v / len) } else { [0.0; 3] };
-                    (Datum { curvature: (r * (z + r) / (sigma * sigma)) as f32, normal }, (-s * r / sigma) as f32)
+                    (Datum { curvature: (curvature / (sigma * sigma)) as f32, normal }, (s * slope / sigma) as f32)
                 })
                 .unzip();
             // Gradient of the objective: the regulariser's, the likelihood's slope, and the gauge's aim.

@@ -42,6 +42,36 @@ fn a_ball_is_met_to_a_twentieth_of_a_voxel_diagonal_without_bias() {
 }
 
 #[test]
+fn a_noisy_mask_is_met_twice_as_well_as_when_every_label_is_believed() {
+    let g = grid([34, 24, 24], [1.0; 3]);
+    let (a, b) = (g.to_world(Vector::new(9.0, 11.2, 11.6)), g.to_world(Vector::new(24.0, 12.1, 12.4)));
+    let truth = |p: Point| {
+        let t = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+        (p - (a + t * (b - a))).norm() - 6.2
+    };
+    let clean = digitise(g.clone(), truth);
+    let (_, s) = fit(&clean, &SmoothOptions::default()).unwrap();
+    assert_eq!((s.outliers, s.given_up), (0.0, 0));
+
+    let mut noisy = clean.clone();
+    let mut random = crate::phantom::Random::new(3);
+    for (v, _) in crate::mask::interface(&clean) {
+        if random.uniform(0.0, 1.0) < 0.08 {
+            noisy.data[g.linear(v[0].into(), v[1].into(), v[2].into()).unwrap()] ^= 1;
+        }
+    }
+    let (noisy, _) = crate::mask::clean(&noisy, &crate::mask::CleaningOptions::default()).unwrap();
+    let (f, s) = fit(&noisy, &SmoothOptions::default()).unwrap();
+    assert!((0.04..0.16).contains(&s.outliers) && s.given_up > 50, "{s:?}");
+    let (rms, bias) = errors(&noisy, &f, truth);
+    let (believing, _) = fit(&noisy, &SmoothOptions { outliers: Some(0.0), ..SmoothOptions::default() }).unwrap();
+    let (worse, _) = errors(&noisy, &believing, truth);
+    assert!(rms < 0.07 && bias.abs() < 0.015 && rms < 0.5 * worse, "{rms} {bias} {worse}");
+    let (mesh, _) = polygonize(&f, &noisy, &PolygonizeOptions::default()).unwrap();
+    assert_eq!(crate::mesh::topology::check(&mesh).euler, 2, "a ball");
+}
+
+#[test]
 fn a_vessel_one_voxel_wide_stays_and_neighbours_one_voxel_apart_stay_apart() {
     let g = grid([24, 12, 12], [1.0; 3]);
     let mut m = digitise(g.clone(), |_| 1.0);
@@ -88,4 +118,6 @@ fn an_empty_mask_and_bad_options_are_refused() {
     assert_eq!(fit(&m, &SmoothOptions::default()).unwrap_err(), SmoothError::Empty);
     let bad = SmoothOptions { sigma: f64::NAN, ..SmoothOptions::default() };
     assert!(matches!(fit(&m, &bad), Err(SmoothError::Option { name: "sigma", .. })));
+    let bad = SmoothOptions { outliers: Some(0.5), ..SmoothOptions::default() };
+    assert_eq!(fit(&m, &bad).unwrap_err(), SmoothError::Outliers(0.5));
 }
