@@ -73,11 +73,45 @@ pub(super) fn build(cloud: &OrientedPoints, options: &MpuOptions) -> (Mpu, Summa
         open = next;
     }
     summary.leaves = quadrics.len();
-    summary.bytes = nodes.len() * size_of::<Node>() + quadrics.len() * size_of::<Quadric>();
     let ratio = 2.0 * 3f64.sqrt() * options.support;
+    let support2 = ratio * ratio;
+    let mut cells = vec![0u32; quadrics.len()];
+    nodes.iter().zip(0..).filter(|(n, _)| n.leaf).for_each(|(n, at)| cells[n.link as usize] = at);
+    let ball = |n: &Node| (n.center, support2 * n.half * n.half);
+    let balls: Vec<(Point, f64)> = cells.iter().map(|&at| ball(&nodes[at as usize])).collect();
+    let lists: Vec<Vec<u32>> = cells.par_iter().map(|&at| reaching(&nodes, &nodes[at as usize], support2)).collect();
+    let mut first = Vec::with_capacity(lists.len() + 1);
+    let mut near = Vec::with_capacity(lists.iter().map(Vec::len).sum());
+    for list in lists {
+        first.push(near.len() as u32);
+        near.extend(list);
+    }
+    first.push(near.len() as u32);
+    summary.bytes = size_of_val(&nodes[..]) + size_of_val(&quadrics[..]) + size_of_val(&balls[..]) + size_of_val(&near[..]) + size_of_val(&first[..]);
     let root = Aabb { min: center - Vector::repeat(half), max: center + Vector::repeat(half) };
-    let mpu = Mpu { nodes, quadrics, support2: ratio * ratio, root, points: bounds.inflated(2.0 * coarsest), resolution: 0.5 * finest };
+    let mpu = Mpu { nodes, quadrics, balls, near, first, root, points: bounds.inflated(2.0 * coarsest), resolution: 0.5 * finest };
     (mpu, summary)
+}
+
+/// The leaves whose balls meet a cell. A node's ball holds those of its children.
+fn reaching(nodes: &[Node], cell: &Node, support2: f64) -> Vec<u32> {
+    let mut out = Vec::new();
+    let mut stack = vec![0u32];
+    // Balls that only just miss the cell are taken too: rounding must lose none.
+    let half = cell.half * (1.0 + 1e-9);
+    while let Some(n) = stack.pop() {
+        let node = &nodes[n as usize];
+        let away = (node.center - cell.center).map(|d| (d.abs() - half).max(0.0));
+        if away.norm_squared() > support2 * node.half * node.half {
+            continue;
+        }
+        if node.leaf {
+            out.push(node.link);
+        } else {
+            stack.extend(node.link..node.link + 8);
+        }
+    }
+    out
 }
 
 fn child_center(c: Point, h: f64, n: usize) -> Point {

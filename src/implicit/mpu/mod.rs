@@ -158,9 +158,12 @@ impl Quadric {
 #[derive(Debug, Clone)]
 pub struct Mpu {
     nodes: Vec<Node>,
+    /// Of every leaf: its quadric, its centre and its squared support radius.
     quadrics: Vec<Quadric>,
-    /// Squared support radius over squared half edge.
-    support2: f64,
+    balls: Vec<(Point, f64)>,
+    /// The leaves whose balls meet a leaf's cell, in the order of the octree, and the first of each leaf's.
+    near: Vec<u32>,
+    first: Vec<u32>,
     root: Aabb,
     points: Aabb,
     resolution: f64,
@@ -186,23 +189,18 @@ impl Mpu {
     /// Adds up Σw, Σwf and their gradients over the leaves whose ball holds `p`, in the order of the octree.
     #[inline]
     fn blend(&self, p: &Point, mut add: impl FnMut(f64, Vector, &Quadric, f64)) {
-        let mut stack = [0u32; 256];
-        let mut top = 1;
-        while top > 0 {
-            top -= 1;
-            let node = &self.nodes[stack[top] as usize];
-            let y = p - node.center;
-            let (d2, r2) = (y.norm_squared(), self.support2 * node.half * node.half);
-            if d2 >= r2 {
-                continue;
-            }
-            if node.leaf {
-                add(d2, y, &self.quadrics[node.link as usize], r2);
-            } else {
-                for c in 0..8 {
-                    stack[top] = node.link + c;
-                    top += 1;
-                }
+        let mut node = &self.nodes[0];
+        while !node.leaf {
+            let octant = (0..3).fold(0, |o, a| o | u32::from(p[a] > node.center[a]) << a);
+            node = &self.nodes[(node.link + octant) as usize];
+        }
+        let leaf = node.link as usize;
+        for &l in &self.near[self.first[leaf] as usize..self.first[leaf + 1] as usize] {
+            let (center, r2) = &self.balls[l as usize];
+            let y = p - center;
+            let d2 = y.norm_squared();
+            if d2 < *r2 {
+                add(d2, y, &self.quadrics[l as usize], *r2);
             }
         }
     }
