@@ -147,20 +147,38 @@ impl Labels {
 
     /// Value and gradient (per smallest spacing) of the spline at every label.
     pub fn sample(&self, c: &[f32]) -> Vec<[f32; 4]> {
-        let parts: Vec<Vec<[f32; 4]>> = (0..self.cells.len())
-            .into_par_iter()
-            .with_min_len(256)
-            .map(|cell| {
-                let block = gather(c, &self.cells[cell].rows);
-                self.of_cell(cell)
-                    .map(|l| {
-                        let t = self.taps(l);
-                        [dot(&t[0], &block), dot(&t[1], &block), dot(&t[2], &block), dot(&t[3], &block)]
-                    })
-                    .collect()
-            })
-            .collect();
-        in_order(parts)
+        const PIECE: usize = 256;
+        let arch = pulp::Arch::new();
+        let piece = |first: usize| {
+            let cells = first..(first + PIECE).min(self.cells.len());
+            arch.dispatch(Sampling { labels: self, c, cells })
+        };
+        in_order((0..self.cells.len()).into_par_iter().step_by(PIECE).map(piece).collect())
+    }
+}
+
+/// The spline at the labels of some cells; compiled for several kinds of processor.
+struct Sampling<'a> {
+    labels: &'a Labels,
+    c: &'a [f32],
+    cells: std::ops::Range<usize>,
+}
+
+impl pulp::WithSimd for Sampling<'_> {
+    type Output = Vec<[f32; 4]>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<[f32; 4]> {
+        let Sampling { labels, c, cells } = self;
+        let mut out = Vec::with_capacity(4 * cells.len());
+        for cell in cells {
+            let block = gather(c, &labels.cells[cell].rows);
+            for l in labels.of_cell(cell) {
+                let t = labels.taps(l);
+                out.push([dot(&t[0], &block), dot(&t[1], &block), dot(&t[2], &block), dot(&t[3], &block)]);
+            }
+        }
+        out
     }
 }
 

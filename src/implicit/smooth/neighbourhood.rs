@@ -5,9 +5,9 @@ const SIDE: i32 = 8;
 /// Voxels beyond the array that are looked after.
 const RIM: i32 = 8;
 
-/// The voxels within some steps (along each axis) of given ones.
+/// The voxels within some steps of given ones, so many along each axis.
 pub(super) struct Neighbourhood {
-    reach: i32,
+    reach: [i32; 3],
     dims: [i32; 3],
     /// First of the voxels in each bucket; one more at the end.
     first: Vec<u32>,
@@ -18,10 +18,10 @@ pub(super) struct Neighbourhood {
 
 impl Neighbourhood {
     /// `size`: of the array that the voxels belong to.
-    pub fn of(size: [usize; 3], voxels: &[[i16; 3]], reach: usize) -> Neighbourhood {
+    pub fn of(size: [usize; 3], voxels: &[[i16; 3]], reach: [i32; 3]) -> Neighbourhood {
         let dims = size.map(|n| (n as i32 + 2 * RIM) / SIDE + 1);
         let count: usize = dims.iter().map(|&n| n as usize).product();
-        let mut out = Neighbourhood { reach: reach as i32, dims, first: vec![0; count + 1], voxels: Vec::new(), warm: vec![false; count] };
+        let mut out = Neighbourhood { reach, dims, first: vec![0; count + 1], voxels: Vec::new(), warm: vec![false; count] };
         let mut sorted: Vec<(usize, [i16; 3])> = voxels.iter().map(|&v| (out.bucket(v.map(i32::from)), v)).collect();
         sorted.sort_unstable();
         sorted.dedup();
@@ -51,7 +51,7 @@ impl Neighbourhood {
     fn buckets(&self, v: [i16; 3]) -> Vec<usize> {
         let range = |a: usize| {
             let at = |d: i32| ((i32::from(v[a]) + d + RIM) / SIDE).clamp(0, self.dims[a] - 1);
-            at(-self.reach)..=at(self.reach)
+            at(-self.reach[a])..=at(self.reach[a])
         };
         let mut out = Vec::new();
         for z in range(2) {
@@ -67,7 +67,7 @@ impl Neighbourhood {
         if !self.warm[self.bucket(v.map(i32::from))] {
             return false;
         }
-        let near = |w: &[i16; 3]| (0..3).all(|a| (i32::from(w[a]) - i32::from(v[a])).abs() <= self.reach);
+        let near = |w: &[i16; 3]| (0..3).all(|a| (i32::from(w[a]) - i32::from(v[a])).abs() <= self.reach[a]);
         self.buckets(v).into_iter().any(|b| self.voxels[self.first[b] as usize..self.first[b + 1] as usize].iter().any(near))
     }
 }
@@ -79,11 +79,11 @@ mod tests {
     #[test]
     fn exactly_the_voxels_within_reach_are_near() {
         let given = [[0, 3, 5], [17, 9, 2], [-1, 20, 20]];
-        let n = Neighbourhood::of([20, 21, 22], &given, 3);
+        let n = Neighbourhood::of([20, 21, 22], &given, [3, 3, 1]);
         for k in -3..25 {
             for j in -3..24 {
                 for i in -3..23 {
-                    let near = given.iter().any(|g| [i, j, k].iter().zip(g).all(|(a, b): (&i16, &i16)| (a - b).abs() <= 3));
+                    let near = given.iter().any(|g| (i - g[0]).abs() <= 3 && (j - g[1]).abs() <= 3 && (k - g[2]).abs() <= 1);
                     assert_eq!(n.holds([i, j, k]), near, "{i} {j} {k}");
                 }
             }

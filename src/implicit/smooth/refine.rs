@@ -25,9 +25,9 @@ pub(super) struct Coarse<'a> {
     pub leniently: bool,
 }
 
-/// How far from a contradicted label coefficients may change, and how far their energy reaches, voxels.
-const FREE: usize = 3;
-const REACH: usize = FREE + 6;
+/// How far from a contradicted label coefficients may change, and how much farther voxels tell of these, smallest spacings.
+const FREE: i32 = 3;
+const BEYOND: i32 = 6;
 /// Values of neighbours, smallest spacings, up to which what lies between them is looked at.
 const PINCH: f32 = 0.25;
 /// By how much a label's margin grows from round to round, smallest spacings.
@@ -44,12 +44,15 @@ impl Coarse<'_> {
     /// The finest level round some voxels, its coefficients from the level before.
     fn patch(&self, voxels: &BTreeSet<[i16; 3]>) -> Patch {
         let voxels = &voxels.iter().copied().collect::<Vec<_>>();
-        let reach = Neighbourhood::of(self.mask.grid.dims, voxels, REACH);
+        let voxels_of = |spacings: i32| self.level.band.nodes.refine.map(|m| (spacings + m - 1) / m);
+        let (free, beyond) = (voxels_of(FREE), voxels_of(BEYOND));
+        let reach = std::array::from_fn(|a| free[a] + beyond[a]);
+        let reach = Neighbourhood::of(self.mask.grid.dims, voxels, reach);
         let near: Vec<Near> = self.near.iter().filter(|n| reach.holds(n.voxel)).copied().collect();
         let nodes = self.level.band.nodes;
         let nodes = Nodes { step: 1, low: nodes.low.map(|l| 2 * l), dims: nodes.dims.map(|d| 2 * d), ..nodes };
         let mut level = Level::new(self.mask, nodes, &near, true, self.weights.scale);
-        let free = Neighbourhood::of(self.mask.grid.dims, voxels, FREE);
+        let free = Neighbourhood::of(self.mask.grid.dims, voxels, free);
         let frozen = level.band.fill(true, |r| (r.x..r.x + r.len as i32).map(|x| !free.holds(nodes.voxel([x, r.y, r.z]).map(|v| v as i16))).collect());
         level.band.skip_frozen(&frozen);
         level.labels.skip_frozen(&frozen);
@@ -63,8 +66,13 @@ impl Coarse<'_> {
         let mut values = labels.sample(&self.c);
         if let Some(patch) = patch {
             let fine = patch.level.labels.sample(&patch.c);
-            let fine: BTreeMap<[i16; 3], [f32; 4]> = patch.level.labels.labels.iter().map(|l| l.voxel).zip(fine).collect();
-            values.iter_mut().zip(&labels.labels).for_each(|(v, l)| *v = fine.get(&l.voxel).copied().unwrap_or(*v));
+            let mut fine: Vec<([i16; 3], [f32; 4])> = patch.level.labels.labels.iter().map(|l| l.voxel).zip(fine).collect();
+            fine.par_sort_unstable_by_key(|f| f.0);
+            values.par_iter_mut().zip(&labels.labels).with_min_len(1024).for_each(|(v, l)| {
+                if let Ok(n) = fine.binary_search_by_key(&l.voxel, |f| f.0) {
+                    *v = fine[n].1;
+                }
+            });
         }
         let mut keep = self.level.must_keep(self.mask, &values, self.leniently);
         keep.extend(self.pinched(&values, patch));
@@ -78,15 +86,16 @@ impl Coarse<'_> {
         let labels = &self.level.labels.labels;
         // A margin would bring a label back that was given up as noise.
         let kept = |l: usize| !self.leniently || f32::from(labels[l].sign) * values[l][0] > 0.0;
-        let close: BTreeMap<[i16; 3], usize> =
+        let mut close: Vec<([i16; 3], usize)> =
             (0..labels.len()).filter(|&l| values[l][0].abs() < PINCH && kept(l)).map(|l| (labels[l].voxel, l)).collect();
+        close.par_sort_unstable();
         let pairs: Vec<(usize, usize, usize)> = close
             .iter()
-            .flat_map(|(v, &l)| {
+            .flat_map(|&(v, l)| {
                 (0..3).filter_map(|a| {
-                    let mut w = *v;
+                    let mut w = v;
                     w[a] += 1;
-                    let &m = close.get(&w)?;
+                    let m = close[close.binary_search_by_key(&w, |c| c.0).ok()?].1;
                     ((values[l][0] < 0.0) == (values[m][0] < 0.0)).then_some((l, m, a))
                 })
                 .collect::<Vec<_>>()
@@ -137,8 +146,7 @@ impl Coarse<'_> {
             let labels = &part.level.labels;
             let margin: Vec<f32> = labels.labels.iter().map(|l| margins.get(&l.voxel).copied().unwrap_or(0.0)).collect();
             let problem = Problem { band: &part.level.band, labels, weights: self.weights, frozen: &part.frozen };
-            let effort = Effort { products: 2 * self.effort.products, ..self.effort };
-            summary.products[1] += problem.newton(&mut part.c, &margin, effort);
+            summary.products[1] += problem.newton(&mut part.c, &margin, self.effort);
 
             all.take(&part, true);
             left = self.must_keep(Some(&all));

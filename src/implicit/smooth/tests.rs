@@ -113,6 +113,26 @@ fn gradient_and_hessian_are_those_of_the_value() {
 }
 
 #[test]
+fn a_fit_with_margins_is_the_same_for_any_number_of_threads() {
+    // A tilted ring, hardly thicker than a voxel is long.
+    let g = grid([28, 28, 14], [0.8, 0.8, 2.0]);
+    let c = g.to_world(Vector::new(13.4, 13.7, 6.4));
+    let axis = Vector::new(0.3, 0.5, 0.8).normalize();
+    let m = digitise(g, |p| {
+        let (along, d) = ((p - c).dot(&axis), (p - c).norm_squared());
+        along.hypot((d - along * along).max(0.0).sqrt() - 7.0) - 1.2
+    });
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (f, summary) = pool.install(|| fit(&m, &SmoothOptions::default()).unwrap());
+        (polygonize(&f, &m, &PolygonizeOptions::default()).unwrap().0, summary)
+    };
+    let (one, three) = (run(1), run(3));
+    assert!(one.1.repaired > 0 && one.1.contradicted == 0, "{:?}", one.1);
+    assert_eq!(one, three);
+}
+
+#[test]
 fn an_empty_mask_and_bad_options_are_refused() {
     let m = digitise(grid([4, 4, 4], [1.0; 3]), |_| 1.0);
     assert_eq!(fit(&m, &SmoothOptions::default()).unwrap_err(), SmoothError::Empty);
