@@ -37,7 +37,7 @@ use serde::Serialize;
 
 use super::Implicit;
 use crate::geometry::{Aabb, Point, Vector};
-use crate::mask::{Grid, Mask};
+use crate::mask::{self, Grid, Mask};
 use band::{Band, Nodes};
 use labels::{Labels, Near};
 use refine::Coarse;
@@ -258,12 +258,13 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
         return Err(SmoothError::Anisotropy(m as f64));
     }
     let unit = (0..3).map(|a| spacing[a] / refine[a] as f64).fold(f64::INFINITY, f64::min);
-    let near = labels::boundary(mask);
+    let interface = mask::interface(mask);
+    let near = labels::boundary(&interface);
 
     if near.is_empty() {
         return Err(SmoothError::Empty);
     }
-    let outliers = options.outliers.unwrap_or_else(|| noise::estimate(mask, &near));
+    let outliers = options.outliers.unwrap_or_else(|| mask::noise::estimate(mask, &interface));
     let noisy = outliers > 0.0;
     // Noise looks like creases, so that the prior must not make way for it so soon.
     let [smoother, duller] = if noisy { [2.0, 3.0] } else { [1.0, 1.0] };

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::components::{Connectivity, label, label_data};
 use super::topology::topology_of;
 use super::workspace::Workspace;
-use super::{Error, Mask, Topology, contacts, tunnels};
+use super::{Error, Mask, Topology, contacts, noise, tunnels};
 
 /// Which connected parts stay.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -122,6 +122,7 @@ pub fn clean(mask: &Mask, options: &CleaningOptions) -> Result<(Mask, CleaningRe
     let empty = Error::NothingLeft { min_voxels: options.min_island, largest: 0 };
     let before = super::topology(mask);
     let kept = drop_islands(mask, options, &mut log)?;
+    let noisy = noise::estimate(&kept, &super::interface(&kept)) > 0.0;
     let mut work = Workspace::new(&kept).ok_or(empty)?;
     drop(kept);
     let contacts_before = Workspace::new(mask).map_or(0, |w| contacts::count(&w));
@@ -135,7 +136,7 @@ pub fn clean(mask: &Mask, options: &CleaningOptions) -> Result<(Mask, CleaningRe
             fill_border_holes(&mut work, options.max_hole, &mut log);
         }
         if options.contacts {
-            let flips = contacts::resolve(&mut work);
+            let flips = contacts::resolve(&mut work, noisy);
             flips.filled.iter().for_each(|&n| log.add(ChangeKind::ContactFilled, &work, &[n]));
             flips.removed.iter().for_each(|&n| log.add(ChangeKind::ContactCut, &work, &[n]));
         }

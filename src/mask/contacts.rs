@@ -93,11 +93,11 @@ const PASSES_WITH_REMOVAL: usize = 3;
 
 /// Flips single voxels until no contact is left.
 ///
-/// A background voxel between the touching ones is filled, or one of the touching voxels taken away, whichever leaves the
-/// topology as it is. Where both do, the labels round about decide, so that noise shifts the wall neither way, but where the
-/// lumen is thin it is filled; where neither does, too. Among several of a kind the one that undoes the most contacts wins,
-/// then the one with the most lumen round it, then the first in scan order.
-pub(super) fn resolve(work: &mut Workspace) -> Flips {
+/// A background voxel between the touching ones is filled; where every such filling would change the topology, and taking one
+/// of the touching voxels away would not, that is done instead. In a noisy mask both are often possible: there the voxels
+/// round about decide, so that noise shifts the wall neither way, save where the lumen is thin. Among several of a kind the
+/// one that undoes the most contacts wins, then the one with the most lumen round it, then the first in scan order.
+pub(super) fn resolve(work: &mut Workspace, noisy: bool) -> Flips {
     let table = contacts();
     let mut flips = Flips::default();
     for pass in 0.. {
@@ -109,7 +109,7 @@ pub(super) fn resolve(work: &mut Workspace) -> Flips {
         for n in blocks {
             // A block has eight voxels: more flips would undo earlier ones.
             for _ in 0..8 {
-                let Some(v) = best_flip(work, &table, n, pass < PASSES_WITH_REMOVAL) else { break };
+                let Some(v) = best_flip(work, &table, n, pass < PASSES_WITH_REMOVAL, noisy) else { break };
                 progress = true;
                 work.data[v] ^= 1;
                 if work.data[v] != 0 { flips.filled.push(v) } else { flips.removed.push(v) }
@@ -127,7 +127,7 @@ pub(super) fn resolve(work: &mut Workspace) -> Flips {
 const THIN: usize = 32;
 
 /// The voxel to flip at a block with a contact; `None` where there is no contact (any more).
-fn best_flip(work: &Workspace, table: &[u8; 256], n: usize, may_remove: bool) -> Option<usize> {
+fn best_flip(work: &Workspace, table: &[u8; 256], n: usize, may_remove: bool, noisy: bool) -> Option<usize> {
     let code = code_of(&work.data, work.dims, n);
     let open = table[code as usize];
     if open == 0 {
@@ -147,7 +147,7 @@ fn best_flip(work: &Workspace, table: &[u8; 256], n: usize, may_remove: bool) ->
     let removal = removals.map(score).filter(|(key, _)| key.0 && key.2 > 0).max();
     match (fill, removal) {
         // Both keep the topology: what more of the voxels round about say, save where the lumen is thin.
-        (Some((key, v)), Some((_, w))) if key.0 => {
+        (Some((key, v)), Some((_, w))) if key.0 && noisy => {
             let ([for_fill, _], [lumen, all]) = (about(work, v), about(work, w));
             Some(if lumen >= THIN && all - lumen > for_fill { w } else { v })
         }

@@ -12,6 +12,7 @@ mod image;
 mod interface;
 mod morphology;
 pub(crate) mod neighborhood;
+pub(crate) mod noise;
 mod select;
 mod thickness;
 pub(crate) mod topology;

@@ -6,6 +6,7 @@ use super::labels::Label;
 use super::noise;
 use crate::mask::Mask;
 use crate::mask::neighborhood::is_simple;
+use crate::mask::noise::support;
 use crate::mask::topology::topology_of;
 
 /// Neighbours of its own label (of 26) that a voxel needs to be given up: tips and thin sheets have fewer.
@@ -32,7 +33,7 @@ pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], lenientl
     };
     let thin = |l: &Label| {
         let lumen = (block(l.voxel, &BTreeSet::new()) & !(1 << 13)).count_ones();
-        (if l.sign < 0 { lumen } else { 26 - lumen }) < SUPPORT && !(leniently && noise::support(mask, l.voxel) >= WIDE)
+        (if l.sign < 0 { lumen } else { 26 - lumen }) < SUPPORT && !(leniently && support(mask, l.voxel.map(i32::from)) >= WIDE)
     };
     let mut left: Vec<(usize, bool)> = places.iter().map(|&l| (l, thin(&labels[l]))).collect();
     // The worst contradicted first: they are the surest flips.

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::band::{Band, Nodes};
 use super::spline;
-use crate::mask::{Mask, interface};
+use crate::mask::Mask;
 
 /// A voxel with a face neighbour of the other label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,8 +15,8 @@ pub(super) struct Near {
 }
 
 /// The boundary voxels of both labels, in the order of the array; beyond the mask lies background.
-pub(super) fn boundary(mask: &Mask) -> Vec<Near> {
-    interface(mask).into_iter().map(|(v, axes)| Near { voxel: v.map(|v| v as i16), axes }).collect()
+pub(super) fn boundary(interface: &[([i32; 3], u8)]) -> Vec<Near> {
+    interface.iter().map(|&(v, axes)| Near { voxel: v.map(|v| v as i16), axes }).collect()
 }
 
 /// Joins what threads made piece by piece.

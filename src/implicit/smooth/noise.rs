@@ -1,49 +1,13 @@
-//! How many of a mask's labels are noise.
+//! Which of the labels that a fit contradicts are noise.
 
 use std::collections::BTreeMap;
 
-use super::labels::{Label, Near};
+use super::labels::Label;
 use super::likelihood;
 use super::solve::Weights;
-use crate::mask::Mask;
 
-/// Of the voxels at the wall that are wrong, the share that five or six of their face neighbours contradict.
-const SEEN: f64 = 0.4;
-/// Fewer such voxels tell nothing.
-const LEAST: usize = 4;
-/// A smaller share is none.
-const LEAST_SHARE: f64 = 0.004;
-/// Voxels of their own label within two voxels (of 125) that such voxels of a thin part have at most.
-const WIDE: usize = 28;
 /// Contradicted labels of one side within a voxel of one that noise explains, itself among them.
 const FEW: usize = 4;
-
-/// The share of the boundary's labels that are wrong: 0 on a mask without noise.
-///
-/// Told by dents and bumps a voxel wide, with at most one face neighbour of their own label, which a smooth wall hardly ever
-/// leaves; the tips of thin vessels and gaps are left out.
-pub(super) fn estimate(mask: &Mask, near: &[Near]) -> f64 {
-    let odd = near.iter().filter(|n| {
-        let v = n.voxel.map(i64::from);
-        let here = mask.at(v[0], v[1], v[2]);
-        let other = |a: usize, d: i64| {
-            let mut w = v;
-            w[a] += d;
-            mask.at(w[0], w[1], w[2]) != here
-        };
-        let faces = (0..3).map(|a| usize::from(other(a, -1)) + usize::from(other(a, 1))).sum::<usize>();
-        faces >= 5 && support(mask, n.voxel) > WIDE
-    });
-    let odd = odd.count();
-    let share = odd as f64 / (SEEN * near.len().max(1) as f64);
-    if odd < LEAST || share < LEAST_SHARE { 0.0 } else { share.min(0.2) }
-}
-
-/// Voxels of the same label in the 5×5×5 round a voxel, itself among them.
-pub(super) fn support(mask: &Mask, voxel: [i16; 3]) -> usize {
-    let at = |v: [i16; 3]| mask.at(v[0].into(), v[1].into(), v[2].into());
-    cube(voxel, 2).filter(|&v| at(v) == at(voxel)).count()
-}
 
 /// The share of wrong labels, given the fit's values: one step of expectation maximisation.
 pub(super) fn share(labels: &[Label], values: &[[f32; 4]], weights: &Weights) -> f32 {
