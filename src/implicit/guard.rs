@@ -79,16 +79,18 @@ impl MaskBoundary {
     /// Half width of the band at `p`, mm: trilinear between the voxels' own.
     pub fn band_at(&self, p: &Point) -> f64 {
         let x = self.grid.to_index(p);
+        // Per axis, places and weights of the two voxels that `x` lies between.
+        let axis = |a: usize| {
+            let base = x[a].floor();
+            let (f, low, last) = (x[a] - base, base as i64, self.grid.dims[a] as i64 - 1);
+            ([low, low.saturating_add(1)].map(|v| v.clamp(0, last) as usize), [1.0 - f, f])
+        };
+        let [(i, wx), (j, wy), (k, wz)] = [axis(0), axis(1), axis(2)];
         let mut sum = 0.0;
         for c in 0..8 {
-            let (mut w, mut v) = (1.0, [0i64; 3]);
-            for a in 0..3 {
-                let (base, high) = (x[a].floor(), c >> a & 1);
-                let f = x[a] - base;
-                w *= if high == 1 { f } else { 1.0 - f };
-                v[a] = (base as i64).saturating_add(high).clamp(0, self.grid.dims[a] as i64 - 1);
-            }
-            sum += w * f64::from(self.grid.linear(v[0], v[1], v[2]).map_or(255, |n| self.band[n]));
+            let [x, y, z] = [c & 1, c >> 1 & 1, c >> 2];
+            let n = i[x] + self.grid.dims[0] * (j[y] + self.grid.dims[1] * k[z]);
+            sum += wx[x] * wy[y] * wz[z] * f64::from(self.band[n]);
         }
         sum * self.widest / 255.0
     }
