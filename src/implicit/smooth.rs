@@ -383,7 +383,7 @@ const FAR: f32 = 6.0;
 
 /// The coefficients of the spline at a row of nodes of the next finer level, from node `n` on, into `out`; one that `from`
 /// lacks is asked of `missing`.
-fn subdivided(from: &Band, c: &[f32], to: &Nodes, n: [i32; 3], missing: impl Fn([i32; 3]) -> Option<f32>, out: &mut [f32]) {
+fn subdivided(from: &Band, c: &[f32], to: &Nodes, n: [i32; 3], missing: &impl Fn([i32; 3]) -> Option<f32>, out: &mut [f32]) {
     // Along an axis: first node and weights at the even and odd places.
     let axis = |a: usize, i: i32| -> (i32, [f32; 3]) {
         let at = i + to.low[a];
@@ -391,10 +391,18 @@ fn subdivided(from: &Band, c: &[f32], to: &Nodes, n: [i32; 3], missing: impl Fn(
         if at.rem_euclid(2) == 0 { (half - 1, [0.125, 0.75, 0.125]) } else { (half, [0.5, 0.5, 0.0]) }
     };
     let ((y, wy), (z, wz)) = (axis(1, n[1]), axis(2, n[2]));
+    const PIECE: usize = 32;
+    if out.len() > PIECE {
+        for (piece, x) in out.chunks_mut(PIECE).zip((n[0]..).step_by(PIECE)) {
+            subdivided(from, c, to, [x, n[1], n[2]], missing, piece);
+        }
+        return;
+    }
     let first = axis(0, n[0]).0;
     // Across the rows first: sums, and of the weights that found a coefficient.
-    let mut row = vec![0.0; out.len() / 2 + 4];
-    let mut sums = vec![[0.0f32; 2]; row.len()];
+    let mut row = [0.0; PIECE / 2 + 4];
+    let row = &mut row[..out.len() / 2 + 4];
+    let mut sums = [[0.0f32; 2]; PIECE / 2 + 4];
     for k in 0..3 {
         for j in 0..3 {
             let w = wy[j] * wz[k];
@@ -403,7 +411,7 @@ fn subdivided(from: &Band, c: &[f32], to: &Nodes, n: [i32; 3], missing: impl Fn(
             }
             let (y, z) = (y + j as i32, z + k as i32);
             row.fill(f32::NAN);
-            from.fetch(c, y, z, first, &mut row);
+            from.fetch(c, y, z, first, row);
             for ((v, sum), x) in row.iter().zip(&mut sums).zip(first..) {
                 if let Some(v) = if v.is_nan() { missing([x, y, z]) } else { Some(*v) } {
                     *sum = [sum[0] + w * v, sum[1] + w];
@@ -423,7 +431,7 @@ fn subdivided(from: &Band, c: &[f32], to: &Nodes, n: [i32; 3], missing: impl Fn(
 fn subdivide(from: &Band, c: &[f32], to: &Band) -> Vec<f32> {
     let run = |r: &band::Run| {
         let mut out = vec![0.0; r.len as usize];
-        subdivided(from, c, &to.nodes, [r.x, r.y, r.z], |_| None, &mut out);
+        subdivided(from, c, &to.nodes, [r.x, r.y, r.z], &|_| None, &mut out);
         out
     };
     to.fill(0.0, run)
@@ -474,7 +482,7 @@ fn tile(mask: &Mask, band: &Band, c: &[f32], coarser: Option<(&Band, &[f32])>, w
     }
     let beyond = |n: [i32; 3], out: &mut [f32]| match coarser {
         None => out.iter_mut().zip(n[0]..).for_each(|(v, x)| *v = side(&band.nodes, [x, n[1], n[2]])),
-        Some((from, c)) => subdivided(from, c, &band.nodes, n, |m| Some(side(&from.nodes, m)), out),
+        Some((from, c)) => subdivided(from, c, &band.nodes, n, &|m| Some(side(&from.nodes, m)), out),
     };
     let parts: Vec<Vec<f32>> = keys
         .par_iter()

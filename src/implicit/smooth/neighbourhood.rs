@@ -28,7 +28,7 @@ impl Neighbourhood {
         for (b, v) in sorted {
             out.first[b + 1] += 1;
             out.voxels.push(v);
-            out.around(v, |out, b| out.warm[b] = true);
+            out.buckets(v).for_each(|b| out.warm[b] = true);
         }
         for b in 0..count {
             out.first[b + 1] += out.first[b];
@@ -41,25 +41,15 @@ impl Neighbourhood {
         b[0] + self.dims[0] as usize * (b[1] + self.dims[1] as usize * b[2])
     }
 
-    /// Calls `f` on every bucket that the box round `v` meets.
-    fn around(&mut self, v: [i16; 3], f: impl Fn(&mut Neighbourhood, usize)) {
-        for b in self.buckets(v) {
-            f(self, b);
-        }
-    }
-
-    fn buckets(&self, v: [i16; 3]) -> Vec<usize> {
-        let range = |a: usize| {
-            let at = |d: i32| ((i32::from(v[a]) + d + RIM) / SIDE).clamp(0, self.dims[a] - 1);
-            at(-self.reach[a])..=at(self.reach[a])
+    /// The buckets that the box round `v` meets.
+    fn buckets(&self, v: [i16; 3]) -> impl Iterator<Item = usize> + use<> {
+        let (reach, dims) = (self.reach, self.dims);
+        let range = move |a: usize| {
+            let at = |d: i32| ((i32::from(v[a]) + d + RIM) / SIDE).clamp(0, dims[a] - 1);
+            at(-reach[a])..=at(reach[a])
         };
-        let mut out = Vec::new();
-        for z in range(2) {
-            for y in range(1) {
-                out.extend(range(0).map(|x| (x + self.dims[0] * (y + self.dims[1] * z)) as usize));
-            }
-        }
-        out
+        let row = move |z: i32, y: i32| range(0).map(move |x| (x + dims[0] * (y + dims[1] * z)) as usize);
+        range(2).flat_map(move |z| range(1).flat_map(move |y| row(z, y)))
     }
 
     /// Whether one of the given voxels lies within reach of `v`.
@@ -68,7 +58,7 @@ impl Neighbourhood {
             return false;
         }
         let near = |w: &[i16; 3]| (0..3).all(|a| (i32::from(w[a]) - i32::from(v[a])).abs() <= self.reach[a]);
-        self.buckets(v).into_iter().any(|b| self.voxels[self.first[b] as usize..self.first[b + 1] as usize].iter().any(near))
+        self.buckets(v).any(|b| self.voxels[self.first[b] as usize..self.first[b + 1] as usize].iter().any(near))
     }
 }
 
