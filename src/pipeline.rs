@@ -441,6 +441,9 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
             Ok((extended, moved, polygons))
         };
         let (extended, moved, surface) = clock.run("extensions", extend, |(e, ..)| format!("{} extensions", e.tubes().len()))?;
+        for tube in extended.tubes().iter().filter(|t| t.is_carried() && clear.iter().any(|e| e.opening == t.name() && e.transition.is_some())) {
+            report.warn("extensions", format!("the section of `{}` is no outline round its middle: its extension keeps it instead of turning into a circle", tube.name()));
+        }
         centerlines = extended.centerlines(&traced);
         extensions = extended.tubes().to_vec();
         (implicit, openings, polygons) = (Box::new(extended), moved, surface);

@@ -123,6 +123,26 @@ impl<'a> Supports<'a> {
         Some((x, normal))
     }
 
+    /// Point of the wall on the line in which the planes of two caps meet, near `p`; in both planes to rounding.
+    /// `None` where the planes are parallel, one of the two lies on the wall, or there is no such point within `reach`.
+    pub fn project_corner(&self, a: PatchId, b: PatchId, p: &Point, reach: f64) -> Option<Point> {
+        let along = self.plane(a)?.normal.cross(&self.plane(b)?.normal).try_normalize(1e-6)?;
+        let (start, _) = self.project_curve(a, b, p, reach)?;
+        let tolerance = TOLERANCE * self.wall.resolution();
+        let mut t = 0.0;
+        for _ in 0..2 * NEWTON_STEPS {
+            let (f, g) = self.wall.value_gradient(&(start + along * t));
+            if f.abs() <= tolerance * g.norm() {
+                return Some(start + along * t);
+            }
+            t -= f / g.dot(&along);
+            if !(t.abs() <= reach) {
+                return None;
+            }
+        }
+        None
+    }
+
     /// Distance of `p` from the carrier of `id`, to first order.
     pub fn distance(&self, id: PatchId, p: &Point) -> f64 {
         let (f, g) = self.value_gradient(id, p);

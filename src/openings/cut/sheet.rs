@@ -167,10 +167,17 @@ impl Sheet {
                 }
                 let middle = s.at(&self.points, e);
                 let length = (self.points[e[0] as usize] - self.points[e[1] as usize]).norm();
-                // On another cap's rim or inside it the point stays in that cap's plane, too.
-                let wall = self.fans[e[0] as usize].iter().all(|&t| self.patch[t as usize] == WALL || !self.triangles[t as usize].contains(&e[1]));
-                let on_curve = if wall { supports.project_curve(WALL, s.opening.id, &middle, 0.5 * length) } else { Some((middle, None)) };
-                new_points.push(on_curve.map_or(s.plane().project(&middle), |c| c.0));
+                let beside = self.fans[e[0] as usize].iter().filter(|&&t| self.triangles[t as usize].contains(&e[1]));
+                let mut carriers: Vec<PatchId> = beside.map(|&t| self.patch[t as usize]).collect();
+                carriers.sort_unstable();
+                let placed = match carriers[..] {
+                    [WALL, WALL] => supports.project_curve(WALL, s.opening.id, &middle, 0.5 * length).map(|c| c.0),
+                    // A corner of two caps.
+                    [WALL, cap] => Some(supports.project_corner(cap, s.opening.id, &middle, 0.5 * length).unwrap_or(middle)),
+                    // Inside another cap the point stays in that cap's plane, too.
+                    _ => Some(middle),
+                };
+                new_points.push(placed.unwrap_or(s.plane().project(&middle)));
             }
         }
         let point = |v: u32| if v >= first_new { new_points[(v - first_new) as usize] } else { self.points[v as usize] };

@@ -118,3 +118,20 @@ fn a_ring_is_opened_by_two_planes_and_not_by_one() {
     assert_eq!(measures.len(), 2);
     assert!(measures.iter().all(|m| (m.area / std::f64::consts::PI - 1.0).abs() < 0.05), "{measures:?}");
 }
+
+#[test]
+fn where_two_caps_meet_at_the_wall_their_corner_lies_on_all_three() {
+    let (f, mesh) = tube();
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let ends = [opening(2, "inlet", [0.5, 0.0, 5.0], [half, 0.0, half]), opening(3, "outlet_1", [-0.5, 0.0, 5.0], [-half, 0.0, half])];
+    let (cut, ..) = super::cut(&mesh, &f, &Uniform(0.6), &ends, &CutOptions::default()).expect("cut");
+    let mut patches = vec![std::collections::BTreeSet::new(); cut.points.len()];
+    for (t, ids) in cut.triangles.iter().enumerate() {
+        ids.iter().for_each(|&v| { patches[v as usize].insert(cut.patch[t]); });
+    }
+    let corners: Vec<Point> = (0..cut.points.len()).filter(|&v| patches[v].len() == 3).map(|v| cut.points[v]).collect();
+    assert_eq!(corners.len(), 2, "{corners:?}");
+    for c in corners {
+        assert!(f.value(&c).abs() < 1e-9 && ends.iter().all(|o| o.plane.signed_distance(&c).abs() < 1e-12), "{c:?}");
+    }
+}

@@ -45,7 +45,7 @@ pub(super) fn take_off(mask: &Mask, tube: &Tube, number: usize, marks: &mut [Mar
         .filter(|&n| marks[n] == Mark::Kept)
         .filter(|&n| {
             let p = position(mask, n);
-            height(&p).abs() <= 0.6 * diagonal && tube.relative(&p) < 1.0
+            height(&p).abs() <= 0.6 * diagonal && tube.in_section(&p)
         })
         .collect();
     let mut slab = stack.clone();

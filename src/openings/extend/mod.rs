@@ -5,8 +5,12 @@
 //! and r₀² the mean of r². The area ½∮r²dθ is therefore the same at every z. Half a radius before the plane the
 //! function passes smoothly from the vessel to the outline, so that the wall has no seam there, and the mesher meets
 //! none either: the extended function is meshed like any other and cut at the new end. Beyond that it ends in a dome.
+//!
+//! A section that no radius over the angle tells (vessels that meet in the plane, folds) is carried on as it is: the wall's
+//! function at p is the vessel's at the point whose height levels off to 0 just behind the plane.
 
 mod marks;
+mod section;
 mod tube;
 
 use serde::Serialize;
@@ -168,7 +172,7 @@ impl<I: Implicit> Extended<I> {
         for (p, z) in tube.rings() {
             let other = self.tubes.iter().enumerate().filter(|(m, _)| *m != n).any(|(_, t)| {
                 let height = t.plane.signed_distance(&p);
-                height > 0.0 && t.wall(&p, height).is_some_and(|w| w.0 < margin(z))
+                height > 0.0 && self.wall(t, &p, height).is_some_and(|w| w.0 < margin(z))
             });
             if other || self.rest(&p).0 < 0.0 {
                 return Err(ExtendError::Collides { name: tube.name.clone(), at: p.into(), distance: z });
@@ -181,6 +185,16 @@ impl<I: Implicit> Extended<I> {
         let x = self.grid.to_index(p);
         let voxel = self.grid.linear(x[0].round() as i64, x[1].round() as i64, x[2].round() as i64);
         voxel.map_or(Mark::Background, |n| self.marks[n])
+    }
+
+    /// The wall's function and gradient of a tube at height `z` of `p`; `None` far from it.
+    fn wall(&self, tube: &Tube, p: &Point, z: f64) -> Option<(f64, Vector)> {
+        if !tube.is_carried() {
+            return tube.wall(p, z);
+        }
+        let (origin, rate) = tube.origin_of(p, z);
+        let Mark::Slab(n) = self.mark(&origin) else { return None };
+        (self.tubes[usize::from(n)].name() == tube.name()).then(|| tube.carry(self.inner.value_gradient(&origin), z, rate))
     }
 
     /// The vessel without what the openings take off.
@@ -211,11 +225,13 @@ impl<I: Implicit> Implicit for Extended<I> {
             if z <= -tube.lead || z >= tube.end + tube.reach {
                 continue;
             }
-            let Some(own) = tube.wall(p, z) else { continue };
+            let Some(own) = self.wall(tube, p, z) else { continue };
             if z >= 0.0 {
                 if own.0 < best.0 {
                     best = own;
                 }
+            } else if tube.is_carried() {
+                best = own;
             } else if mark == Mark::Slab(n as u16) {
                 // From the vessel to the outline, with the slopes of both ends kept; another vessel close by stays.
                 let (s, ds) = smoothstep(1.0 + z / tube.lead);

@@ -184,3 +184,63 @@ fn the_axis_runs_on_to_the_new_end() {
     let last = long.branches[0].samples[long.branches[0].samples.len() - 1];
     assert!((last.radius - 6.0f64.sqrt()).abs() < 0.01, "a circle of the same area: {}", last.radius);
 }
+
+/// A trough: a ring's sector of 260 degrees, 1.2 mm wide, its middle 4 mm from an axis that lies in no lumen.
+struct Trough;
+
+impl Implicit for Trough {
+    fn value(&self, p: &Point) -> f64 {
+        let half = 130f64.to_radians();
+        let angle = p.y.atan2(p.x);
+        let flat = if angle.abs() <= half {
+            (p.x.hypot(p.y) - 4.0).abs()
+        } else {
+            (p.x - 4.0 * half.cos()).hypot(p.y.abs() - 4.0 * half.sin())
+        };
+        (flat - 1.2).max(p.z.abs() - 12.0)
+    }
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        let h = 1e-6;
+        let d = |e: Vector| (self.value(&(p + e * h)) - self.value(&(p - e * h))) / (2.0 * h);
+        (self.value(p), Vector::new(d(Vector::x()), d(Vector::y()), d(Vector::z())))
+    }
+    fn bounds(&self) -> Aabb {
+        Aabb { min: Point::new(-5.2, -5.2, -12.0), max: Point::new(5.2, 5.2, 12.0) }
+    }
+    fn resolution(&self) -> f64 {
+        0.25
+    }
+}
+
+#[test]
+fn a_section_that_is_no_outline_round_its_middle_is_carried_on_as_it_is() {
+    let grid = Grid::new([28, 28, 60], [0.5; 3], Point::new(-6.8, -6.8, -14.8), Matrix3::identity()).unwrap();
+    let voxels = (0..grid.len()).map(|n| u8::from(Trough.value(&grid.to_world(Vector::from(grid.voxel(n).map(|c| c as f64)))) < 0.0));
+    let mask = Mask::new(grid.clone(), voxels.collect());
+    let (_, mut opening) = setup();
+    opening.plane.origin = Point::new(4.0, 0.0, 10.0);
+    opening.radius = 1.2;
+    let leaning = Vector::new(0.2, 0.0, 1.0);
+    let (f, moved) = Extended::new(&Trough, &mask, &[opening], &[extension(Some(4.0), Some(leaning))]).unwrap();
+    assert!(f.tubes()[0].is_carried());
+    let count = |z: f64, shift: f64| {
+        (-80..80).flat_map(|i| (-80..80).map(move |j| [0.1 * f64::from(i), 0.1 * f64::from(j)])).filter(|q| f.value(&Point::new(q[0] + shift, q[1], z)) < 0.0).count()
+    };
+    let own = count(9.0, 0.0);
+    for z in [9.8, 10.0, 10.5, 15.0, 29.0] {
+        let shift = f.tubes()[0].origin_of(&Point::new(0.0, 0.0, z), z - 10.0).0.x;
+        assert!((count(z, -shift) as f64 / own as f64 - 1.0).abs() < 0.002, "{} of {own} at {z}", count(z, -shift));
+    }
+    assert!((moved[0].plane.origin.z - 30.0).abs() < 1e-9);
+    let (surface, _) = crate::polygonize::polygonize(&f, &mask, &Default::default()).unwrap();
+    let topology = crate::mesh::topology::check(&surface);
+    assert!(topology.is_closed_manifold() && topology.components == 1 && topology.euler == 2, "{topology:?}");
+    // The gradient is that of the value.
+    for p in [Point::new(4.9, 0.3, 9.9), Point::new(6.0, 0.8, 12.0), Point::new(0.6, 4.1, 10.2), Point::new(8.5, 0.5, 31.0)] {
+        let (v, g) = f.value_gradient(&p);
+        for e in [Vector::x(), Vector::y(), Vector::z()] {
+            let d = (f.value(&(p + e * 1e-5)) - f.value(&(p - e * 1e-5))) / 2e-5;
+            assert!(v.is_finite() && (d - g.dot(&e)).abs() < 1e-3, "{p:?} {d} {g:?}");
+        }
+    }
+}

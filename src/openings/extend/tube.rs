@@ -1,5 +1,6 @@
 //! The section's outline carried along a straight axis.
 
+use super::section::Section;
 use super::{ExtendError, Extension, Opening};
 use crate::centerline::{Branch, Centerlines, EndKind, Sample};
 use crate::geometry::{Aabb, Plane, Point, Vector};
@@ -13,9 +14,28 @@ const RAYS: usize = 96;
 /// section; a dome closes it.
 const OVERHANG: f64 = 0.3;
 
+/// Part of a section's area by which its outline, told as a radius over the angle, may differ from it.
+const OUTLINE_ERROR: f64 = 0.04;
+/// Steps of the implicit on either side of the opening's plane over which a carried section levels off.
+const LEVEL: f64 = 2.0;
+
+/// The wall of an extension.
+#[derive(Debug, Clone)]
+pub(super) enum Shape {
+    /// The outline's Fourier coefficients say it.
+    Outline,
+    /// The section is carried on as it is: no radius over the angle tells it.
+    Carried {
+        section: Section,
+        /// Radius by which the end is rounded.
+        round: f64,
+    },
+}
+
 /// An extension: the outline carried along the axis.
 #[derive(Debug, Clone)]
 pub struct Tube {
+    shape: Shape,
     pub(super) name: String,
     /// Centroid of the section and the opening's normal.
     pub(super) plane: Plane,
@@ -61,6 +81,9 @@ impl Tube {
         let center: [f64; 3] = opening.plane.origin.into();
         let no_section = || ExtendError::Section { name: name(), center };
         let (u, v) = opening.plane.basis();
+        let section = Section::new(surface, &opening.plane, opening.radius).ok_or_else(no_section)?;
+        let area = section.area();
+        let carried = |section: Section| Tube::carried(surface, opening, e, direction / along, section);
         // The centroid first, then the outline as seen from it.
         let mut origin = opening.plane.origin;
         let mut squares = [0.0; RAYS];
@@ -69,7 +92,7 @@ impl Tube {
             for (n, square) in squares.iter_mut().enumerate() {
                 let (s, c) = angle(n).sin_cos();
                 let d = u * c + v * s;
-                let r = cast(surface, &origin, &d, 4.0 * opening.radius).ok_or_else(no_section)?;
+                let Some(r) = cast(surface, &origin, &d, 4.0 * opening.radius) else { return Ok(carried(section)) };
                 *square = r * r;
                 area += 0.5 * r * r;
                 moment += d * (r * r * r / 3.0);
@@ -90,9 +113,13 @@ impl Tube {
                 sine[k] += w * s * square;
             }
         }
+        if (std::f64::consts::PI * cosine[0] / area - 1.0).abs() > OUTLINE_ERROR {
+            return Ok(carried(section));
+        }
         let mean = cosine[0].sqrt();
         let straight = e.length + OVERHANG * mean;
         let mut tube = Tube {
+            shape: Shape::Outline,
             name: name(),
             plane: Plane { origin, normal },
             step: direction / along,
@@ -110,11 +137,44 @@ impl Tube {
         for n in 0..RAYS {
             let (r, ..) = tube.radius(angle(n), 0.0);
             if !(r > 0.2 * mean) {
-                return Err(no_section());
+                return Ok(carried(section));
             }
             tube.reach = tube.reach.max(r);
         }
         Ok(tube)
+    }
+
+    /// A section of any shape, carried on without change.
+    fn carried(surface: &dyn Implicit, opening: &Opening, e: &Extension, step: Vector, section: Section) -> Tube {
+        let plane = Plane { origin: section.centroid(), normal: opening.plane.normal };
+        let (u, v) = plane.basis();
+        let mut cosine = [0.0; HARMONICS + 1];
+        cosine[0] = section.area() / std::f64::consts::PI;
+        let mean = cosine[0].sqrt();
+        let round = section.inscribed();
+        let straight = e.length + OVERHANG * mean;
+        let reach = section.points().map(|p| (p - plane.origin).norm()).fold(mean, f64::max) + surface.resolution();
+        Tube {
+            name: opening.name.clone(),
+            plane,
+            step,
+            u,
+            v,
+            cosine,
+            sine: [0.0; HARMONICS + 1],
+            length: e.length,
+            transition: None,
+            lead: (LEVEL * surface.resolution()).min(0.5 * mean),
+            reach,
+            straight,
+            end: straight + round,
+            shape: Shape::Carried { section, round },
+        }
+    }
+
+    /// Whether the section is carried on as it is, since no radius over the angle tells its outline.
+    pub fn is_carried(&self) -> bool {
+        matches!(self.shape, Shape::Carried { .. })
     }
 
     /// Area of the section, the same all along, mm².
@@ -155,7 +215,10 @@ impl Tube {
 
     /// Radius of the largest circle inside the outline at a height, mm.
     pub(super) fn inscribed(&self, z: f64) -> f64 {
-        (0..RAYS).map(|n| self.radius(angle(n), z).0).fold(f64::INFINITY, f64::min)
+        match self.shape {
+            Shape::Carried { round, .. } => round,
+            Shape::Outline => (0..RAYS).map(|n| self.radius(angle(n), z).0).fold(f64::INFINITY, f64::min),
+        }
     }
 
     pub(super) fn bounds(&self) -> Aabb {
@@ -169,8 +232,12 @@ impl Tube {
     pub(super) fn rings(&self) -> Vec<(Point, f64)> {
         let step = 0.5 * self.reach;
         let count = (self.straight / step).ceil() as usize;
+        let height = |k: usize| (k as f64 * step).min(self.straight);
+        if let Shape::Carried { section, .. } = &self.shape {
+            return (1..=count).flat_map(|k| section.points().map(move |p| (p + self.step * height(k), height(k)))).collect();
+        }
         let ring = |k: usize| {
-            let z = (k as f64 * step).min(self.straight);
+            let z = height(k);
             (0..24).map(move |n| {
                 let a = std::f64::consts::TAU * n as f64 / 24.0;
                 let d = self.u * a.cos() + self.v * a.sin();
@@ -185,10 +252,37 @@ impl Tube {
         p - self.plane.origin - self.step * z
     }
 
-    /// Distance from the axis in the plane over the outline's radius in that direction, for points near height 0.
-    pub(super) fn relative(&self, p: &Point) -> f64 {
+    /// Whether `p`, near height 0, lies in the section, seen along the normal.
+    pub(super) fn in_section(&self, p: &Point) -> bool {
+        if let Shape::Carried { section, .. } = &self.shape {
+            return section.holds(&self.plane.project(p));
+        }
         let q = self.local(p, self.plane.signed_distance(p));
-        q.norm() / self.radius(self.v.dot(&q).atan2(self.u.dot(&q)), 0.0).0
+        q.norm() < self.radius(self.v.dot(&q).atan2(self.u.dot(&q)), 0.0).0
+    }
+
+    /// Of a carried section: the point of the vessel whose wall stands at `p`, and how fast its height grows with that of `p`.
+    ///
+    /// The height goes smoothly from that of `p`, before the plane, to 0, so that the vessel is stretched: nothing of it
+    /// closes or opens.
+    pub(super) fn origin_of(&self, p: &Point, z: f64) -> (Point, f64) {
+        let x = (z - self.lead).clamp(-2.0 * self.lead, 0.0);
+        let (own, rate) = if z <= -self.lead { (z, 1.0) } else { (-x * x / (4.0 * self.lead), -x / (2.0 * self.lead)) };
+        (p + self.step * (own - z), rate)
+    }
+
+    /// Of a carried section: `f` and its gradient at the origin of a point at height `z` made those at the point, the end
+    /// rounded.
+    pub(super) fn carry(&self, (f, g): (f64, Vector), z: f64, rate: f64) -> (f64, Vector) {
+        let g = g + self.plane.normal * ((rate - 1.0) * g.dot(&self.step));
+        let Shape::Carried { round, .. } = self.shape else { return (f, g) };
+        let w = z - self.straight;
+        if w <= 0.0 {
+            return (f, g);
+        }
+        let q = (f + round).max(0.0);
+        let rho = q.hypot(w);
+        (rho - round, g * (q / rho) + self.plane.normal * (w / rho))
     }
 
     /// The wall's function and gradient at height `z` of `p`; `None` far from it. Before the plane the outline goes on.
