@@ -424,9 +424,21 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
     let Draft { mask, mut implicit, mut polygons, centerlines: traced } = draft;
     let mut centerlines = traced.clone();
     let (mut openings, mut extensions) = (ends.clone(), Vec::new());
-    let wanted = options::extensions(case, &mask, implicit.as_ref(), &traced, &ends)?;
-    if !wanted.is_empty() {
-        let (clear, shortened) = openings::clear_extensions(implicit.as_ref(), &mask, &ends, &wanted)?;
+    let mut wanted = options::extensions(case, &mask, implicit.as_ref(), &traced, &ends)?;
+    let (clear, shortened) = loop {
+        match openings::clear_extensions(implicit.as_ref(), &mask, &ends, &wanted) {
+            // Asked for by name, it is refused; of those wished for everywhere, one without room is left out.
+            Err(openings::ExtendError::Collides { name, at, distance }) if !case.extensions.openings.contains_key(&name) => {
+                report.warn(
+                    "extensions",
+                    format!("`{name}` has no extension: it would run into another vessel {distance:.2} mm from its start, at {at:.3?} (LPS mm), and be shorter than {:.0} % of its length; a direction of its own would clear it", 100.0 * openings::LEAST_LEFT),
+                );
+                wanted.retain(|e| e.opening != name);
+            }
+            other => break other?,
+        }
+    };
+    if !clear.is_empty() {
         for (n, distance) in shortened {
             let (name, length, wished) = (&wanted[n].opening, clear[n].length, wanted[n].length);
             report.warn(

@@ -98,6 +98,20 @@ fn extensions_move_the_openings_out_and_keep_area_and_quality() {
 }
 
 #[test]
+fn an_extension_without_room_is_left_out_with_a_warning_or_refused_where_it_was_named() {
+    let dir = folder();
+    let dir = dir.path();
+    done(&["phantom", "kissing-anisotropic", "-o", "case"], dir);
+    let common = ["run", "case/case.yaml", "--stop-after", "surface", "--set", "surface.scale=1.5", "--set", "extensions.length=12 D"];
+    done(&[&common[..], &["-o", "all"]].concat(), dir);
+    let r = report(&dir.join("all"));
+    let extended: Vec<_> = r["extensions"].as_array().expect("extensions").iter().map(|e| e["opening"].clone()).collect();
+    assert_eq!(extended, ["outlet_1"], "{r:#}");
+    assert!(r["warnings"].to_string().contains("`inlet` has no extension"), "{}", r["warnings"]);
+    refused(&[&common[..], &["-o", "named", "--set", "extensions.openings={inlet: {length: 12 D}}"]].concat(), dir, 4, &["`inlet`", "mm from its start"]);
+}
+
+#[test]
 fn a_surface_is_meshed_anew_closed_or_open_at_its_ends() {
     let dir = folder();
     let dir = dir.path();

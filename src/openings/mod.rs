@@ -17,7 +17,7 @@ mod walk;
 pub use cut::{CutOptions, CutSummary, Cutter, OpeningMeasure, cut, cut_each, measure};
 pub use rims::{RimOptions, RimSummary};
 pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
-pub use extend::{ExtendError, Extended, Extension, Tube, clear as clear_extensions, equivalent_radius};
+pub use extend::{ExtendError, Extended, Extension, LEAST_LEFT, Tube, clear as clear_extensions, equivalent_radius};
 pub use refine::refine;
 pub use section::{Section, section};
 pub use user::{UserError, UserOpenings, UserPlane, apply_user};

@@ -1,5 +1,5 @@
 """(c) The aneurysm phantom and a real aneurysm: convergence, WSS on several mesh sizes, grid convergence."""
-import subprocess
+import json, subprocess
 
 import numpy as np
 
@@ -16,21 +16,28 @@ def solve(name, case, scale, layers=0):
     # OpenFOAM cannot work in a path with spaces.
     out = tools.WORK / "c" / f"{name}_{scale}_{layers}".replace(" ", "_")
     report = tools.mesh(case, out, [f"surface.scale={scale}", f"volume.boundary_layers.count={layers}", "exports=[openfoam]"])
+    row, shown = solved(out, report)
+    row = {"name": name, "scale": scale, "layers": layers, "status": report["status"], **row}
+    print(row, flush=True)
+    return row, shown
+
+
+def solved(out, report):
+    """A folder of results after its solver: its figures, mesh and wall shear stress."""
     folder = out / "openfoam"
-    solved = foam.solve(folder)
+    run = foam.solve(folder)
     mesh = foam.Mesh(folder)
     rho = tools.density(report)
     wss, size = tools.wall_shear_stress(folder, mesh, rho)
-    residual = max(v[-1] for v in foam.residuals(folder).values())
     outlets = [n for n in mesh.patches if n.startswith("outlet")]
     row = {
-        "name": name, "scale": scale, "layers": layers, "status": report["status"], "cells": mesh.cells, "h": 1e3 * float((mesh.volume.sum() / mesh.cells) ** (1 / 3)),
-        **solved, "residual": residual, "wss_mean": tools.mean(wss, size), "wss_p99": tools.percentile(wss, size, 0.99), "wss_max": float(wss.max()),
+        "cells": mesh.cells, "h": 1e3 * float((mesh.volume.sum() / mesh.cells) ** (1 / 3)), "sv_mean": json.loads((out / "report.json").read_text())["volume"]["sv_mean"],
+        **run, "residual": max(v[-1] for v in foam.residuals(folder).values()),
+        "wss_mean": tools.mean(wss, size), "wss_p99": tools.percentile(wss, size, 0.99), "wss_max": float(wss.max()),
         "low_area": float(size[wss < 0.4].sum() / size.sum()),
         "dp": rho * (foam.monitored(folder, "p_inlet") - foam.monitored(folder, f"p_{outlets[0]}")),
         "imbalance": 100 * abs(sum(foam.monitored(folder, f"phi_{n}") for n in mesh.patches if n != "wall")) / report["flow"]["total_m3_per_s"],
     }
-    print(row, flush=True)
     return row, (mesh, wss)
 
 

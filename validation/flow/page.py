@@ -59,6 +59,16 @@ def part_d(r):
             + verdicts(r) + "\n![surfaces](d.png)\n")
 
 
+def part_e(r):
+    text = ("## (e) A series and its table\n`volume: {series: 3}` on the aneurysm phantom; `series/convergence.csv` filled with the figures of the three runs, and what "
+            "`lumenmesh convergence series/convergence.csv` says of it. " + r.get("note", "") + "\n\n")
+    for s in r["series"]:
+        rows = [[x["mesh"], x["cells"], x["h_mm"], x["ratio"] or "–", number(x["sv_mean"], 3), *(number(x[k], 3) for k in x if k.endswith("_Pa"))] for x in s["rows"]]
+        heads = ["mesh", "cells", "h (mm)", "ratio", "S_V mean", "WSS mean (Pa)", "WSS 99 % of the area (Pa)", "pressure drop (Pa)"]
+        text += (f"{s['layers']} prism layers:\n\n" if s["layers"] else "Tetrahedra:\n\n") + table(heads, rows) + "\n```\n" + s["says"] + "```\n\n"
+    return text + verdicts(r)
+
+
 def part_s(r):
     rows = [["4 layers" if x["layers"] else "tetrahedra", x["name"], x["iterations"] or "not in 1000", f"{x['dp_error']:+.1f}", f"{x['wss_error']:+.1f}", number(x["wss_scatter"], 1)] for x in r["rows"]]
     return ("## Schemes\nThe tube of (a), 8 voxels a radius, first position; rows without a word on it have the corrected viscous flux. Errors in %. Least squares of p on tetrahedra is not "
@@ -71,7 +81,7 @@ def part_s(r):
 
 
 def write():
-    parts = {"a": part_a, "b": part_b, "c": part_c, "d": part_d, "s": part_s}
+    parts = {"a": part_a, "b": part_b, "c": part_c, "d": part_d, "e": part_e, "s": part_s}
     text = "# Proof by flow\nMade by `validation/flow/run.sh`: mask → `lumenmesh run` → `./Allrun` (checkMesh, simpleFoam of Debian's openfoam), no edit by hand.\n\n"
     for part, make in parts.items():
         result = tools.load(part)

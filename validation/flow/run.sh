@@ -1,5 +1,5 @@
 #!/bin/sh
-# Proof by flow, with Debian's openfoam: validation/flow/run.sh [a] [b] [c] [d] [s] [MASK for c]; a to d without arguments.
+# Proof by flow, with Debian's openfoam: validation/flow/run.sh [a] [b] [c] [d] [e] [s] [MASK for c]; a to e without arguments.
 # PYTHON names an interpreter that has the packages of validation/flow/requirements.txt already.
 set -e
 cd "$(dirname "$0")/../.."
