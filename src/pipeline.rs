@@ -7,6 +7,7 @@ mod explain;
 mod filling;
 mod gates;
 mod input;
+mod noise;
 mod options;
 mod reconstruct;
 mod remeshing;
@@ -87,8 +88,10 @@ pub struct Context<'a> {
 
 /// One connected component as reconstructed, before its ends are known.
 struct Draft {
-    /// The component, cropped, padded at the picture's border.
+    /// The component, cropped, padded at the picture's border, noise taken off.
     mask: Mask,
+    /// Voxels of it that were relabelled as noise.
+    relabelled: Vec<noise::Relabelled>,
     /// Its wall.
     implicit: Box<dyn Implicit>,
     /// Its polygonized wall.
@@ -236,13 +239,14 @@ pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
     let mut clock = Clock { context: &context, stages: Vec::new() };
     let mut report = Report::default();
     let (raw, source) = clock.run("read", || input::read(case, &mut report), |(m, _)| format!("{} lumen voxels", m.count()))?;
-    let (mask, cleaning) =
+    let (mut mask, cleaning) =
         clock.run("clean", || mask::clean(&raw, &options::cleaning(case)), |(m, _)| format!("{} lumen voxels", m.count()))?;
     drop(raw);
     let mut drafts = Vec::new();
     for component in mask::split_components(&mask) {
         drafts.push(draft(case, &source, &mut clock, &mut report, component)?);
     }
+    drafts.iter().for_each(|d| noise::carry_over(&mut mask, &d.relabelled));
     let lines = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
     let found = clock.run("ends", || ends(case, &mask, &lines, &drafts, &mut report), |(o, _)| format!("{} openings", o.len()))?;
     let mut parts = Vec::new();
@@ -255,13 +259,14 @@ pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
 
 /// From the cleaned mask to the patched surface, each component by itself.
 fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut Outcome) -> Result<(), Error> {
-    let topology = mask::topology(&outcome.mask);
     let voxel_diagonal = outcome.mask.grid.voxel_diagonal();
     let context = clock.context;
     let mut drafts = Vec::new();
     for component in mask::split_components(&outcome.mask) {
         drafts.push(draft(case, source, clock, &mut outcome.report, component)?);
     }
+    drafts.iter().for_each(|d| noise::carry_over(&mut outcome.mask, &d.relabelled));
+    let topology = mask::topology(&outcome.mask);
     let traced = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
     let found = if context.stop_after >= Stage::Surface {
         clock.run("ends", || ends(case, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
@@ -361,21 +366,30 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
 fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Draft, Error> {
     let context = clock.context;
     let mask = mask::crop_pad(&component, 4, PAD);
-    let wanted = mask::topology(&mask);
+    let mut wanted = mask::topology(&mask);
     let polygons = |f: &dyn Implicit| polygonize::polygonize(f, &mask, &options::polygonizer(case));
     let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
-    let mut implicit = clock.run("reconstruct", || reconstruct::reconstruct(case, source, &mask, report), |_| String::new())?;
+    let reconstruct::Wall { mut implicit, noisy } = clock.run("reconstruct", || reconstruct::reconstruct(case, source, &mask, report), |_| String::new())?;
     let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
-    let as_wanted = |surface: &TriMesh| {
+    let has = |surface: &TriMesh, wanted: &mask::Topology| {
         let topology = mesh::topology::check(surface);
         (topology.euler, topology.components) == (2 * wanted.euler, wanted.components)
     };
     // On a noisy mask the fit gives up labels, which can go too far.
-    if !as_wanted(&surface)
+    if !has(&surface, &wanted)
         && let Some(f) = clock.run("reconstruct", || reconstruct::strictly(case, source, &mask, report), |_| String::new())?
     {
         implicit = f;
         (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
+    }
+    // Tunnels that noise alone makes are no topology to keep.
+    let tunnels = wanted.tunnels;
+    if noisy
+        && !has(&surface, &wanted)
+        && let Some(t) = noise::simpler(&mask, implicit.as_ref(), &wanted).filter(|t| has(&surface, t))
+    {
+        context.progress.explain(&format!("{} tunnels of the mask are noise and closed", tunnels - t.tunnels));
+        wanted = t;
     }
     // The guard costs smoothness where it acts: it is taken where the fit alone has another topology than the mask, and
     // drawn narrower where its band still lets sheets meet.
@@ -384,10 +398,11 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
         guards.next();
     }
     for guard in guards {
-        if as_wanted(&surface) {
+        if has(&surface, &wanted) {
             break;
         }
-        context.progress.explain(&format!("the surface has another topology than the mask: it is held within {:.2} voxel diagonals of the mask's boundary", guard.band));
+        let (has, twice) = (mesh::topology::check(&surface), 2 * wanted.euler);
+        context.progress.explain(&format!("the surface has another topology than the mask (Euler number {} instead of {twice}, {} parts instead of {}): it is held within {:.2} voxel diagonals of the mask's boundary", has.euler, has.components, wanted.components, guard.band));
         let boundary = MaskBoundary::new(&mask, &guard).ok_or(Error::EmptyComponent)?;
         implicit = Box::new(Guarded::new(implicit, boundary));
         (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
@@ -396,6 +411,10 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
     }
     let polygons = surface;
     report.put_in("reconstruction", "polygonizer", &summary);
+    let (mask, relabelled) = if noisy { noise::relabel(mask, implicit.as_ref(), &wanted) } else { (mask, Vec::new()) };
+    if noisy {
+        report.put_in("reconstruction", "passed_over", &noise::entry(&relabelled, tunnels - wanted.tunnels));
+    }
     let offset = summary.level;
     let implicit: Box<dyn Implicit> = if offset == 0.0 { implicit } else { Box::new(implicit::offset::Offset::new(implicit, offset)) };
     let centerlines = clock.run(
@@ -408,7 +427,7 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
         },
         |c| format!("{} branches", c.branches.len()),
     )?;
-    Ok(Draft { mask, implicit, polygons, centerlines })
+    Ok(Draft { mask, relabelled, implicit, polygons, centerlines })
 }
 
 /// Part of the whole surface that each component has: polygons are of one size.
@@ -421,7 +440,7 @@ fn shares(drafts: &[Draft]) -> Vec<f64> {
 /// `share` is its part of the whole surface, of which `target_faces` speaks.
 fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends: Vec<Opening>, share: f64) -> Result<Part, Error> {
     let context = clock.context;
-    let Draft { mask, mut implicit, mut polygons, centerlines: traced } = draft;
+    let Draft { mask, mut implicit, mut polygons, centerlines: traced, .. } = draft;
     let mut centerlines = traced.clone();
     let (mut openings, mut extensions) = (ends.clone(), Vec::new());
     let mut wanted = options::extensions(case, &mask, implicit.as_ref(), &traced, &ends)?;

@@ -31,14 +31,26 @@ pub(super) fn strictly(case: &Case, source: &Source, mask: &Mask, report: &mut R
     Ok(Some(Box::new(f)))
 }
 
+/// A component's wall, and whether its mask is noisy.
+pub(super) struct Wall {
+    pub implicit: Box<dyn Implicit>,
+    pub noisy: bool,
+}
+
+impl Wall {
+    fn new(f: impl Implicit + 'static) -> Wall {
+        Wall { implicit: Box::new(f), noisy: false }
+    }
+}
+
 /// The wall of a component by the method that the case names, or that suits its source.
-pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -> Result<Box<dyn Implicit>, Error> {
+pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mut Report) -> Result<Wall, Error> {
     report.put_in("reconstruction", "profile", &case.reconstruction.profile);
     // A method that the case names is used on the mask; by itself a map or surface says more than its mask.
     match source {
         Source::Map { image, isovalue } if case.reconstruction.method.is_none() => {
             report.put_in("reconstruction", "fitted_to", &"probability map");
-            return Ok(Box::new(input::map_on(image, *isovalue, mask)?));
+            return Ok(Wall::new(input::map_on(image, *isovalue, mask)?));
         }
         Source::Surface(mesh) if case.reconstruction.method.is_none() => {
             let voxel = mask.grid.spacing()[0];
@@ -47,7 +59,7 @@ pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mu
             let (f, summary) = implicit::mpu::fit(&points, &fit)?;
             report.put_in("reconstruction", "fitted_to", &"surface");
             report.put_in("reconstruction", "mpu", &summary);
-            return Ok(Box::new(f));
+            return Ok(Wall::new(f));
         }
         _ => {}
     }
@@ -59,7 +71,7 @@ pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mu
                 report.warn("reconstruct", format!("the mask is noisy: about {share:.0} % of the voxels at its boundary look wrong, and {} were passed over", summary.given_up));
             }
             report.put_in("reconstruction", "smooth", &summary);
-            Ok(Box::new(f))
+            Ok(Wall { noisy: summary.outliers > 0.0, ..Wall::new(f) })
         }
         Method::Mpu => {
             let points = match case.reconstruction.profile {
@@ -71,7 +83,7 @@ pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mu
             let (f, summary) = implicit::mpu::fit(&points, &implicit::mpu::MpuOptions::estimate(&mask.grid, &points))?;
             report.put_in("reconstruction", "point_cloud", &cloud);
             report.put_in("reconstruction", "mpu", &summary);
-            Ok(Box::new(Guarded::new(f, boundary)))
+            Ok(Wall::new(Guarded::new(f, boundary)))
         }
     }
 }

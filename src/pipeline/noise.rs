@@ -1,0 +1,139 @@
+//! Voxels that the fit takes for noise are relabelled, so that nothing after it runs after them: centerlines, ends, and the
+//! boundary that the surface is held against.
+
+use serde::Serialize;
+
+use crate::geometry::{Point, Vector};
+use crate::implicit::Implicit;
+use crate::mask::{self, Grid, Mask, Topology};
+
+/// Voxels on the wrong side of the wall by more than this, in smallest spacings, are noise.
+const BEYOND: f64 = 0.2;
+/// Places that the report lists.
+const PLACES: usize = 10;
+
+/// Voxels taken for noise, as the report has them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PassedOver {
+    /// Lumen taken for background.
+    pub removed: usize,
+    /// Background taken for lumen.
+    pub added: usize,
+    /// Tunnels that went with them.
+    pub tunnels: usize,
+    /// Where, at most ten places spread over all, LPS mm.
+    pub places: Vec<[f64; 3]>,
+}
+
+/// A voxel's middle and what it is now.
+pub(super) type Relabelled = (Point, u8);
+
+/// The mask without the voxels that lie on the wrong side of `wall`, and what was relabelled. All stays where the topology would
+/// not be `wanted`.
+pub(super) fn relabel(mask: Mask, wall: &dyn Implicit, wanted: &Topology) -> (Mask, Vec<Relabelled>) {
+    let smallest = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    for beyond in [BEYOND * smallest, 0.0] {
+        let (clean, changed) = on_their_side(&mask, wall, beyond);
+        if mask::topology(&clean) == *wanted {
+            return (clean, changed);
+        }
+    }
+    (mask, Vec::new())
+}
+
+/// The topology of the mask with all noise relabelled, where that is a simpler one: no part more or less, no tunnel or cavity more.
+pub(super) fn simpler(mask: &Mask, wall: &dyn Implicit, than: &Topology) -> Option<Topology> {
+    let t = mask::topology(&on_their_side(mask, wall, 0.0).0);
+    (t.components == than.components && t.tunnels <= than.tunnels && t.cavities <= than.cavities).then_some(t)
+}
+
+/// Relabels from the boundary on, as far as voxels contradict the wall by more than `beyond` mm.
+fn on_their_side(mask: &Mask, wall: &dyn Implicit, beyond: f64) -> (Mask, Vec<Relabelled>) {
+    let mut clean = mask.clone();
+    let mut looked_at = vec![false; mask.data.len()];
+    let faces = |n: usize| {
+        let [i, j, k] = mask.grid.voxel(n).map(|c| c as i64);
+        [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]].into_iter().filter_map(move |d: [i64; 3]| mask.grid.linear(i + d[0], j + d[1], k + d[2]))
+    };
+    let mut stack: Vec<usize> = (0..mask.data.len()).filter(|&n| faces(n).any(|m| mask.data[m] != mask.data[n])).collect();
+    let mut changed = Vec::new();
+    while let Some(n) = stack.pop() {
+        if std::mem::replace(&mut looked_at[n], true) {
+            continue;
+        }
+        let p = mask.grid.to_world(Vector::from(mask.grid.voxel(n).map(|c| c as f64)));
+        let value = wall.value(&p);
+        if value.abs() > beyond && (value < 0.0) != (mask.data[n] != 0) {
+            clean.data[n] = u8::from(value < 0.0);
+            changed.push((p, clean.data[n]));
+            stack.extend(faces(n).filter(|&m| !looked_at[m]));
+        }
+    }
+    changed.sort_by(|a, b| a.0.coords.as_slice().partial_cmp(b.0.coords.as_slice()).unwrap_or(std::cmp::Ordering::Equal));
+    (clean, changed)
+}
+
+/// Takes what was relabelled in a component over into the mask of all.
+pub(super) fn carry_over(mask: &mut Mask, changed: &[Relabelled]) {
+    let at = |grid: &Grid, p: &Point| {
+        let x = grid.to_index(p);
+        grid.linear(x[0].round() as i64, x[1].round() as i64, x[2].round() as i64)
+    };
+    for (p, label) in changed {
+        // A component's mask goes on beyond the picture.
+        if let Some(n) = at(&mask.grid, p) {
+            mask.data[n] = *label;
+        }
+    }
+}
+
+/// The report's entry.
+pub(super) fn entry(changed: &[Relabelled], tunnels: usize) -> PassedOver {
+    let removed = changed.iter().filter(|c| c.1 == 0).count();
+    let step = changed.len().div_ceil(PLACES).max(1);
+    PassedOver { removed, added: changed.len() - removed, tunnels, places: changed.iter().step_by(step).map(|c| c.0.into()).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Aabb;
+    use nalgebra::Matrix3;
+
+    struct Ball;
+
+    impl Implicit for Ball {
+        fn value(&self, p: &Point) -> f64 {
+            p.coords.norm() - 5.0
+        }
+        fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+            (self.value(p), p.coords.normalize())
+        }
+        fn bounds(&self) -> Aabb {
+            Aabb { min: Point::new(-5.0, -5.0, -5.0), max: Point::new(5.0, 5.0, 5.0) }
+        }
+        fn resolution(&self) -> f64 {
+            0.5
+        }
+    }
+
+    #[test]
+    fn bumps_and_dents_that_the_wall_passes_over_go_and_are_told() {
+        let grid = Grid::new([16; 3], [1.0; 3], Point::new(-7.5, -7.5, -7.5), Matrix3::identity()).expect("grid");
+        let inside = |n: usize| u8::from(Ball.value(&grid.to_world(Vector::from(grid.voxel(n).map(|c| c as f64)))) < 0.0);
+        let exact = Mask::new(grid.clone(), (0..grid.len()).map(inside).collect());
+        let mut noisy = exact.clone();
+        for v in [[13, 8, 8], [14, 8, 8], [3, 8, 8], [8, 12, 8]] {
+            let n = grid.linear(v[0], v[1], v[2]).expect("a voxel");
+            noisy.data[n] = 1 - noisy.data[n];
+        }
+        let wanted = mask::topology(&exact);
+        let (clean, changed) = relabel(noisy, &Ball, &wanted);
+        assert_eq!(clean, exact);
+        let told = entry(&changed, 0);
+        assert_eq!((told.removed, told.added, told.places.len()), (2, 2, 4), "{told:?}");
+        let mut whole = Mask::new(grid.clone(), vec![0; grid.len()]);
+        carry_over(&mut whole, &changed);
+        assert_eq!(whole.count(), 2);
+    }
+}
