@@ -366,30 +366,21 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
 fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Draft, Error> {
     let context = clock.context;
     let mask = mask::crop_pad(&component, 4, PAD);
-    let mut wanted = mask::topology(&mask);
+    let wanted = mask::topology(&mask);
     let polygons = |f: &dyn Implicit| polygonize::polygonize(f, &mask, &options::polygonizer(case));
     let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
     let reconstruct::Wall { mut implicit, noisy } = clock.run("reconstruct", || reconstruct::reconstruct(case, source, &mask, report), |_| String::new())?;
     let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
-    let has = |surface: &TriMesh, wanted: &mask::Topology| {
+    let as_wanted = |surface: &TriMesh| {
         let topology = mesh::topology::check(surface);
         (topology.euler, topology.components) == (2 * wanted.euler, wanted.components)
     };
     // On a noisy mask the fit gives up labels, which can go too far.
-    if !has(&surface, &wanted)
+    if !as_wanted(&surface)
         && let Some(f) = clock.run("reconstruct", || reconstruct::strictly(case, source, &mask, report), |_| String::new())?
     {
         implicit = f;
         (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
-    }
-    // Tunnels that noise alone makes are no topology to keep.
-    let tunnels = wanted.tunnels;
-    if noisy
-        && !has(&surface, &wanted)
-        && let Some(t) = noise::simpler(&mask, implicit.as_ref(), &wanted).filter(|t| has(&surface, t))
-    {
-        context.progress.explain(&format!("{} tunnels of the mask are noise and closed", tunnels - t.tunnels));
-        wanted = t;
     }
     // The guard costs smoothness where it acts: it is taken where the fit alone has another topology than the mask, and
     // drawn narrower where its band still lets sheets meet.
@@ -398,11 +389,11 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
         guards.next();
     }
     for guard in guards {
-        if has(&surface, &wanted) {
+        if as_wanted(&surface) {
             break;
         }
-        let (has, twice) = (mesh::topology::check(&surface), 2 * wanted.euler);
-        context.progress.explain(&format!("the surface has another topology than the mask (Euler number {} instead of {twice}, {} parts instead of {}): it is held within {:.2} voxel diagonals of the mask's boundary", has.euler, has.components, wanted.components, guard.band));
+        let (found, twice) = (mesh::topology::check(&surface), 2 * wanted.euler);
+        context.progress.explain(&format!("the surface has another topology than the mask (Euler number {} instead of {twice}, {} parts instead of {}): it is held within {:.2} voxel diagonals of the mask's boundary", found.euler, found.components, wanted.components, guard.band));
         let boundary = MaskBoundary::new(&mask, &guard).ok_or(Error::EmptyComponent)?;
         implicit = Box::new(Guarded::new(implicit, boundary));
         (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
@@ -413,7 +404,7 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
     report.put_in("reconstruction", "polygonizer", &summary);
     let (mask, relabelled) = if noisy { noise::relabel(mask, implicit.as_ref(), &wanted) } else { (mask, Vec::new()) };
     if noisy {
-        report.put_in("reconstruction", "passed_over", &noise::entry(&relabelled, tunnels - wanted.tunnels));
+        report.put_in("reconstruction", "passed_over", &noise::entry(&relabelled));
     }
     let offset = summary.level;
     let implicit: Box<dyn Implicit> = if offset == 0.0 { implicit } else { Box::new(implicit::offset::Offset::new(implicit, offset)) };

@@ -19,8 +19,6 @@ pub struct PassedOver {
     pub removed: usize,
     /// Background taken for lumen.
     pub added: usize,
-    /// Tunnels that went with them.
-    pub tunnels: usize,
     /// Where, at most ten places spread over all, LPS mm.
     pub places: Vec<[f64; 3]>,
 }
@@ -39,12 +37,6 @@ pub(super) fn relabel(mask: Mask, wall: &dyn Implicit, wanted: &Topology) -> (Ma
         }
     }
     (mask, Vec::new())
-}
-
-/// The topology of the mask with all noise relabelled, where that is a simpler one: no part more or less, no tunnel or cavity more.
-pub(super) fn simpler(mask: &Mask, wall: &dyn Implicit, than: &Topology) -> Option<Topology> {
-    let t = mask::topology(&on_their_side(mask, wall, 0.0).0);
-    (t.components == than.components && t.tunnels <= than.tunnels && t.cavities <= than.cavities).then_some(t)
 }
 
 /// Relabels from the boundary on, as far as voxels contradict the wall by more than `beyond` mm.
@@ -88,10 +80,10 @@ pub(super) fn carry_over(mask: &mut Mask, changed: &[Relabelled]) {
 }
 
 /// The report's entry.
-pub(super) fn entry(changed: &[Relabelled], tunnels: usize) -> PassedOver {
+pub(super) fn entry(changed: &[Relabelled]) -> PassedOver {
     let removed = changed.iter().filter(|c| c.1 == 0).count();
     let step = changed.len().div_ceil(PLACES).max(1);
-    PassedOver { removed, added: changed.len() - removed, tunnels, places: changed.iter().step_by(step).map(|c| c.0.into()).collect() }
+    PassedOver { removed, added: changed.len() - removed, places: changed.iter().step_by(step).map(|c| c.0.into()).collect() }
 }
 
 #[cfg(test)]
@@ -130,7 +122,7 @@ mod tests {
         let wanted = mask::topology(&exact);
         let (clean, changed) = relabel(noisy, &Ball, &wanted);
         assert_eq!(clean, exact);
-        let told = entry(&changed, 0);
+        let told = entry(&changed);
         assert_eq!((told.removed, told.added, told.places.len()), (2, 2, 4), "{told:?}");
         let mut whole = Mask::new(grid.clone(), vec![0; grid.len()]);
         carry_over(&mut whole, &changed);
