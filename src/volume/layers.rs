@@ -287,12 +287,13 @@ impl Wall {
             }
         }
         let inside: Vec<usize> = (0..n).filter(|&v| !self.on_wall[v]).collect();
+        let largest = self.size.iter().copied().fold(1e-300, f64::max);
         for _ in 0..200 {
             let mut change = 0.0f64;
             for &v in &inside {
                 let k = neighbours[v].len().max(1) as f64;
                 let new = neighbours[v].iter().map(|&w| move_by[w as usize]).sum::<Vector>() / k;
-                change = change.max((new - move_by[v]).norm() / self.size.iter().copied().fold(1e-300, f64::max));
+                change = change.max((new - move_by[v]).norm() / largest);
                 move_by[v] = new;
             }
             if change < 1e-6 {
