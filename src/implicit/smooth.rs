@@ -24,6 +24,7 @@ mod band;
 mod critical;
 mod energy;
 mod labels;
+mod lanes;
 mod likelihood;
 mod noise;
 mod neighbourhood;

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::labels::{Near, in_order};
 use super::energy::slot;
+use super::lanes::Line;
 use super::spline::weights;
 use crate::geometry::Vector;
 use crate::mask::Mask;
@@ -22,11 +23,11 @@ pub(super) const TERMS: [([usize; 3], f32); 10] = [
     ([0, 0, 3], 1.0),
 ];
 
-/// Most coefficients of a chunk.
+/// Most coefficients of a chunk: differences look at three more.
 pub(super) const CHUNK: usize = 12;
 
 /// Nodes of a row that a chunk's differences look at, and a few more: a whole number of the processor's vectors.
-pub(super) const LINE: usize = CHUNK + 4;
+pub(super) const LINE: usize = size_of::<Line>() / size_of::<f32>();
 
 /// Consecutive coefficients of a row.
 #[derive(Debug, Clone, Copy)]
@@ -90,8 +91,8 @@ pub(super) struct Band {
     /// Runs of coefficients at which a difference of [`TERMS`] starts, at most [`CHUNK`] long, and the first of each layer.
     pub chunks: Vec<Run>,
     pub chunk_layers: Vec<u32>,
-    /// Per chunk and coefficient, bit t: the t-th difference that starts there lies in the band. 0 behind the chunk's own.
-    pub valid: Vec<[u16; CHUNK]>,
+    /// Per chunk and term, bit i: the difference that starts at the i-th coefficient lies in the band. 0 behind the chunk's own.
+    pub valid: Vec<[u16; 10]>,
     /// Per chunk, where the ten rows of its neighbourhood begin, in the order of `energy::slot`.
     pub places: Vec<[u32; 10]>,
     /// First run of each row (y fastest), and the number of runs at the end.
@@ -118,7 +119,7 @@ impl Band {
         }
         rows.push(runs.len() as u32);
         let cut = |r: &Run| chunks_of(&marked.bytes, [nx, ny], r);
-        let (chunks, valid): (Vec<Run>, Vec<[u16; CHUNK]>) = in_order(runs.par_iter().map(cut).collect()).into_iter().unzip();
+        let (chunks, valid): (Vec<Run>, Vec<[u16; 10]>) = in_order(runs.par_iter().map(cut).collect()).into_iter().unzip();
         // What is stored: the band, and what the chunks look at.
         for c in &chunks {
             for (j, k) in ROWS {
@@ -257,8 +258,8 @@ impl Band {
 const ROWS: [(i32, i32); 10] = [(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (2, 1), (0, 2), (1, 2), (0, 3)];
 
 /// The pieces of a run at which differences start, and which, by how many nodes there are from each node on (at most 4).
-fn chunks_of(nodes: &[u8], [nx, ny]: [usize; 2], r: &Run) -> Vec<(Run, [u16; CHUNK])> {
-    let mut out: Vec<(Run, [u16; CHUNK])> = Vec::new();
+fn chunks_of(nodes: &[u8], [nx, ny]: [usize; 2], r: &Run) -> Vec<(Run, [u16; 10])> {
+    let mut out: Vec<(Run, [u16; 10])> = Vec::new();
     let mut from = 0;
     while from < r.len {
         let len = (r.len - from).min(CHUNK as u32);
@@ -273,24 +274,22 @@ fn chunks_of(nodes: &[u8], [nx, ny]: [usize; 2], r: &Run) -> Vec<(Run, [u16; CHU
                 least[row][i] = there[i].min(low(before[0])).min(low(before[1]));
             }
         }
-        let mut valid = [0u16; CHUNK];
-        for (t, (o, _)) in TERMS.iter().enumerate() {
+        let own = (1u16 << len) - 1;
+        let valid = TERMS.map(|(o, _)| {
             let row = &least[slot(o[1], o[2])];
-            for i in 0..CHUNK {
-                valid[i] |= u16::from(usize::from(row[i]) > o[0]) << t;
-            }
-        }
-        valid[len as usize..].fill(0);
-        let Some(first) = valid.iter().position(|&v| v != 0) else {
+            (0..CHUNK).fold(0u16, |bits, i| bits | u16::from(usize::from(row[i]) > o[0]) << i) & own
+        });
+        let any = valid.iter().fold(0, |any, v| any | v);
+        if any == 0 {
             from += len;
             continue;
-        };
-        if first > 0 {
+        }
+        if any & 1 == 0 {
             // The next piece begins where a difference does.
-            from += first as u32;
+            from += any.trailing_zeros();
             continue;
         }
-        let len = valid.iter().rposition(|&v| v != 0).map_or(0, |n| n as u32 + 1);
+        let len = 16 - any.leading_zeros();
         out.push((Run { x: r.x + from as i32, len, start: 0, y: r.y, z: r.z }, valid));
         from += len;
     }

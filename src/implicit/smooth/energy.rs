@@ -1,38 +1,15 @@
-//! Third differences of the spline's coefficients, whole rows at a time, and the density of the energy made of them.
+//! Third differences of the spline's coefficients, whole rows at a time, and what is made of them.
 
 use rayon::prelude::*;
 
-use super::band::{Band, CHUNK, LINE, TERMS};
+use super::band::{Band, CHUNK, TERMS};
+use super::lanes::{Job, Lanes, Line, dispatch};
 
-/// A row of a neighbourhood.
-pub(super) type Line = [f32; LINE];
-pub(super) const ZERO: Line = [0.0; LINE];
+/// The rows of a chunk's neighbourhood.
+type Rows<L> = [<L as Lanes>::Wide; 10];
 
-/// y −= x over whole lines: fixed lengths, so that the compiler unrolls it.
-#[inline(always)]
-fn subtract(x: &Line, y: &mut Line) {
-    for i in 0..LINE {
-        y[i] -= x[i];
-    }
-}
-
-/// The first differences along the line, in place; what is not a whole difference is never used.
-#[inline(always)]
-pub(super) fn difference(x: &mut Line) {
-    for i in 0..LINE - 1 {
-        x[i] = x[i + 1] - x[i];
-    }
-}
-
-/// The transpose of [`difference`] on lines whose last place is 0.
-#[inline(always)]
-pub(super) fn undifference(x: &mut Line) {
-    let old = *x;
-    x[0] = -old[0];
-    for i in 1..LINE {
-        x[i] = old[i - 1] - old[i];
-    }
-}
+/// Layers whose differences are taken together.
+const LAYERS: usize = 4;
 
 /// Place of row (j, k) of a neighbourhood, j + k ≤ 3: the order of [`TERMS`].
 pub(super) const fn slot(j: usize, k: usize) -> usize {
@@ -41,20 +18,18 @@ pub(super) const fn slot(j: usize, k: usize) -> usize {
 
 /// Δyʲ Δzᵏ of the rows, in place: every row (j, k) becomes the difference of that order at the first row.
 #[inline(always)]
-fn across(rows: &mut [Line; 10]) {
+fn across<L: Lanes>(l: L, rows: &mut Rows<L>) {
     for k in 0..3 {
         for s in 1..4 - k {
             for j in (s..4 - k).rev() {
-                let before = rows[slot(j - 1, k)];
-                subtract(&before, &mut rows[slot(j, k)]);
+                rows[slot(j, k)] = l.sub(rows[slot(j, k)], rows[slot(j - 1, k)]);
             }
         }
     }
     for s in 1..4 {
         for k in (s..4).rev() {
             for j in 0..4 - k {
-                let before = rows[slot(j, k - 1)];
-                subtract(&before, &mut rows[slot(j, k)]);
+                rows[slot(j, k)] = l.sub(rows[slot(j, k)], rows[slot(j, k - 1)]);
             }
         }
     }
@@ -62,77 +37,139 @@ fn across(rows: &mut [Line; 10]) {
 
 /// The transpose of [`across`].
 #[inline(always)]
-pub(super) fn unacross(rows: &mut [Line; 10]) {
+fn unacross<L: Lanes>(l: L, rows: &mut Rows<L>) {
     for s in (1..4).rev() {
         for k in s..4 {
             for j in 0..4 - k {
-                let above = rows[slot(j, k)];
-                subtract(&above, &mut rows[slot(j, k - 1)]);
+                rows[slot(j, k - 1)] = l.sub(rows[slot(j, k - 1)], rows[slot(j, k)]);
             }
         }
     }
     for k in 0..3 {
         for s in (1..4 - k).rev() {
             for j in s..4 - k {
-                let above = rows[slot(j, k)];
-                subtract(&above, &mut rows[slot(j - 1, k)]);
+                rows[slot(j - 1, k)] = l.sub(rows[slot(j - 1, k)], rows[slot(j, k)]);
             }
         }
     }
 }
 
-/// Of the coefficients from a chunk on, the differences across the rows. What lies behind the chunk's own is of no meaning.
+/// The differences of all terms that start at the coefficients of a chunk. What is no whole difference is of no meaning.
 #[inline(always)]
-pub(super) fn differences(band: &Band, x: &[f32], chunk: usize) -> [Line; 10] {
-    let mut rows = [ZERO; 10];
-    for (line, &at) in rows.iter_mut().zip(&band.places[chunk]) {
-        line.copy_from_slice(&x[at as usize..at as usize + LINE]);
+fn differences<L: Lanes>(l: L, band: &Band, x: &[f32], chunk: usize) -> Rows<L> {
+    let mut rows = [l.splat(0.0); 10];
+    for (row, &at) in rows.iter_mut().zip(&band.places[chunk]) {
+        *row = l.load(line(x, at as usize));
     }
-    across(&mut rows);
+    across(l, &mut rows);
+    for (t, row) in rows.iter_mut().enumerate() {
+        for _ in 0..TERMS[t].0[0] {
+            *row = l.sub(l.next(*row), *row);
+        }
+    }
     rows
+}
+
+/// The line that begins at a place.
+#[inline(always)]
+fn line(x: &[f32], at: usize) -> &Line {
+    x[at..].first_chunk().unwrap_or(&[0.0; 16])
 }
 
 /// Adds the rows of a chunk's neighbourhood, 0 behind its own, to `part`, which starts at the place `first`.
 #[inline(always)]
-pub(super) fn add(band: &Band, part: &mut [f32], first: usize, chunk: usize, rows: &[Line; 10]) {
-    for (line, &at) in rows.iter().zip(&band.places[chunk]) {
-        let to = &mut part[at as usize - first..at as usize - first + LINE];
-        (0..LINE).for_each(|i| to[i] += line[i]);
+fn add<L: Lanes>(l: L, band: &Band, part: &mut [f32], first: usize, chunk: usize, rows: Rows<L>) {
+    for (row, &at) in rows.into_iter().zip(&band.places[chunk]) {
+        if let Some(to) = part[at as usize - first..].first_chunk_mut() {
+            *to = l.store(l.add(l.load(to), row));
+        }
     }
 }
 
-/// Sets to 0 what is no whole difference of the `term`-th kind.
+/// Adds the product of the energy's matrix with `x`, as far as the differences that start in a chunk make it.
+///
+/// `share` of the `terms`' weights, per place.
 #[inline(always)]
-pub(super) fn keep_valid(line: &mut Line, valid: &[u16; CHUNK], term: usize) {
-    for i in 0..CHUNK {
-        line[i] *= f32::from(valid[i] >> term & 1);
+pub(super) fn product<L: Lanes>(l: L, band: &Band, terms: &[f32; 10], share: &[f32], x: &[f32], chunk: usize, part: &mut [f32], first: usize) {
+    let mut rows = differences(l, band, x, chunk);
+    let share = l.load(line(share, band.places[chunk][0] as usize));
+    for (t, row) in rows.iter_mut().enumerate() {
+        *row = l.keep(l.mul(*row, l.mul(l.splat(terms[t]), share)), band.valid[chunk][t]);
+        for _ in 0..TERMS[t].0[0] {
+            *row = l.sub(l.previous(*row), *row);
+        }
     }
-    line[CHUNK..].fill(0.0);
+    unacross(l, &mut rows);
+    add(l, band, part, first, chunk, rows);
 }
 
-/// The squared differences with their weights, summed at the coefficient where they start.
-pub(super) fn density(band: &Band, terms: &[f32; 10], x: &[f32]) -> Vec<f32> {
-    let parts: Vec<[f32; CHUNK]> = (0..band.chunks.len())
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|chunk| {
-            let mut rows = differences(band, x, chunk);
-            let mut out = [0.0f32; CHUNK];
-            for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
-                for _ in 0..orders[0] {
-                    difference(line);
-                }
-                keep_valid(line, &band.valid[chunk], t);
-                for i in 0..CHUNK {
-                    out[i] += terms[t] * line[i] * line[i];
-                }
+/// Adds the matrix's diagonal likewise.
+#[inline(always)]
+pub(super) fn diagonal<L: Lanes>(l: L, band: &Band, terms: &[f32; 10], share: &[f32], chunk: usize, part: &mut [f32], first: usize) {
+    // Squares of the binomials.
+    const WEIGHTS: [&[f32]; 4] = [&[1.0], &[1.0, 1.0], &[1.0, 4.0, 1.0], &[1.0, 9.0, 9.0, 1.0]];
+    let share = l.load(line(share, band.places[chunk][0] as usize));
+    let mut rows = [l.splat(0.0); 10];
+    for (t, (o, _)) in TERMS.iter().enumerate() {
+        let mut weight = l.keep(l.mul(l.splat(terms[t]), share), band.valid[chunk][t]);
+        let mut along = weight;
+        for w in &WEIGHTS[o[0]][1..] {
+            weight = l.previous(weight);
+            along = l.mul_add(l.splat(*w), weight, along);
+        }
+        for (k, wk) in WEIGHTS[o[2]].iter().enumerate() {
+            for (j, wj) in WEIGHTS[o[1]].iter().enumerate() {
+                rows[slot(j, k)] = l.mul_add(l.splat(wj * wk), along, rows[slot(j, k)]);
             }
-            out
-        })
-        .collect();
-    let mut out = vec![0.0; band.len()];
-    for ((r, places), part) in band.chunks.iter().zip(&band.places).zip(parts) {
-        out[places[0] as usize..][..r.len as usize].copy_from_slice(&part[..r.len as usize]);
+        }
     }
+    add(l, band, part, first, chunk, rows);
+}
+
+/// What `f` makes of the density of the energy, the squared differences with their weights, at each coefficient where
+/// differences start; `idle` at the other places.
+pub(super) fn of_density(band: &Band, terms: &[f32; 10], x: &[f32], idle: f32, f: impl Fn(f32) -> f32 + Sync) -> Vec<f32> {
+    let mut out = vec![idle; band.len()];
+    let mut rest = &mut out[..];
+    let mut parts = Vec::new();
+    let nz = band.nodes.dims[2];
+    for z in (0..nz).step_by(LAYERS) {
+        let end = (z + LAYERS).min(nz);
+        let (part, tail) = std::mem::take(&mut rest).split_at_mut((band.layers[end] - band.layers[z]) as usize);
+        rest = tail;
+        parts.push((band.chunk_layers[z] as usize..band.chunk_layers[end] as usize, band.layers[z] as usize, part));
+    }
+    parts.into_par_iter().for_each(|(chunks, first, part)| dispatch(Density { band, terms, x, f: &f, chunks, first, part }));
     out
+}
+
+/// [`of_density`] for some chunks.
+struct Density<'a, F> {
+    band: &'a Band,
+    terms: &'a [f32; 10],
+    x: &'a [f32],
+    f: &'a F,
+    chunks: std::ops::Range<usize>,
+    first: usize,
+    part: &'a mut [f32],
+}
+
+impl<F: Fn(f32) -> f32> Job for Density<'_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        for chunk in self.chunks {
+            let rows = differences(l, self.band, self.x, chunk);
+            let mut sum = l.splat(0.0);
+            for (t, row) in rows.into_iter().enumerate() {
+                let row = l.keep(row, self.band.valid[chunk][t]);
+                sum = l.mul_add(l.mul(l.splat(self.terms[t]), row), row, sum);
+            }
+            let sum = l.store(sum);
+            let at = self.band.places[chunk][0] as usize - self.first;
+            let len = (self.band.chunks[chunk].len as usize).min(CHUNK);
+            self.part[at..at + len].iter_mut().zip(sum).for_each(|(o, s)| *o = (self.f)(s));
+        }
+    }
 }

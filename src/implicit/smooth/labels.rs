@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::band::{Band, Nodes};
+use super::lanes::{Job, Lanes, Line, dispatch};
 use super::spline;
 use crate::mask::Mask;
 
@@ -57,15 +58,70 @@ pub(super) struct Labels {
     pub cells: Vec<Cell>,
     /// First cell whose lowest node lies in a layer, and the number of cells at the end.
     pub layers: Vec<u32>,
-    /// By the phases along the three axes, weights of a cell's coefficients.
-    taps: Vec<Taps>,
+    /// By the phases along x and y, weights of a cell's coefficients across z.
+    across: Vec<[Line; 3]>,
+    /// By the phase along z, weights along it.
+    along: Vec<[[f32; 4]; 2]>,
 }
 
-/// Values of the 64 coefficients of a cell, x fastest: what fits the registers of any processor.
-pub(super) type Block = [f32; 64];
+/// The 64 coefficients of a cell, x fastest, a line for each z.
+pub(super) type Block<L> = [<L as Lanes>::Wide; 4];
 
-/// Weights of a cell's coefficients: for the value and for the derivatives along x, y, z, per smallest spacing.
-pub(super) type Taps = [Block; 4];
+/// Weights of a cell's coefficients for the value and the derivatives at a label, per smallest spacing: products of those across
+/// z and those along z.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Taps<'a> {
+    /// For the value, for the derivatives along x and y.
+    across: &'a [Line; 3],
+    /// For the value and for the derivative along z.
+    along: &'a [[f32; 4]; 2],
+}
+
+impl Taps<'_> {
+    #[inline(always)]
+    fn load<L: Lanes>(&self, l: L) -> [L::Wide; 3] {
+        [l.load(&self.across[0]), l.load(&self.across[1]), l.load(&self.across[2])]
+    }
+
+    /// Value and gradient, given the coefficients.
+    #[inline(always)]
+    pub fn sample<L: Lanes>(&self, l: L, block: &Block<L>) -> [f32; 4] {
+        let [z, dz] = self.along;
+        let [mut value, mut slope] = [l.mul(l.splat(z[0]), block[0]), l.mul(l.splat(dz[0]), block[0])];
+        for k in 1..4 {
+            value = l.mul_add(l.splat(z[k]), block[k], value);
+            slope = l.mul_add(l.splat(dz[k]), block[k], slope);
+        }
+        let [w, x, y] = self.load(l);
+        l.sums([l.mul(w, value), l.mul(x, value), l.mul(y, value), l.mul(w, slope)])
+    }
+
+    /// Adds to the coefficients the effect of `p` on the value and of `q` on the gradient.
+    #[inline(always)]
+    pub fn spread<L: Lanes>(&self, l: L, sum: &mut Block<L>, p: f32, q: [f32; 3]) {
+        let [w, x, y] = self.load(l);
+        let level = l.mul_add(l.splat(p), w, l.mul_add(l.splat(q[0]), x, l.mul(l.splat(q[1]), y)));
+        let steep = l.mul(l.splat(q[2]), w);
+        let [value, slope] = self.along;
+        for k in 0..4 {
+            sum[k] = l.mul_add(l.splat(value[k]), level, l.mul_add(l.splat(slope[k]), steep, sum[k]));
+        }
+    }
+
+    /// Adds the squares of the weights for the value, `p` times, and for the derivative along `n`.
+    #[inline(always)]
+    pub fn squares<L: Lanes>(&self, l: L, sum: &mut Block<L>, p: f32, n: [f32; 3]) {
+        let [w, x, y] = self.load(l);
+        let level = l.mul_add(l.splat(n[0]), x, l.mul(l.splat(n[1]), y));
+        let steep = l.mul(l.splat(n[2]), w);
+        let [value, slope] = self.along;
+        for k in 0..4 {
+            let (v, s) = (l.splat(value[k]), l.splat(slope[k]));
+            let (at, along) = (l.mul(v, w), l.mul_add(v, level, l.mul(s, steep)));
+            sum[k] = l.mul_add(l.mul(l.splat(p), at), at, l.mul_add(along, along, sum[k]));
+        }
+    }
+}
 
 impl Labels {
     /// The boundary voxels `near` and their neighbours, as far as the band carries the spline there.
@@ -105,7 +161,7 @@ impl Labels {
             .collect();
         let mut found = in_order(slabs);
         found.par_sort_by_key(|(key, _)| *key);
-        let mut out = Labels { labels: Vec::new(), cells: Vec::new(), layers: vec![0; nodes.dims[2] + 1], taps: taps(&nodes, scale) };
+        let mut out = Labels { labels: Vec::new(), cells: Vec::new(), layers: vec![0; nodes.dims[2] + 1], across: across(&nodes, scale), along: along(&nodes, scale) };
         for group in found.chunk_by(|a, b| a.0 == b.0) {
             let low: [i32; 3] = std::array::from_fn(|a| nodes.first(a, i64::from(group[0].1.voxel[a])).0);
             let rows: [Option<u32>; 16] =
@@ -141,41 +197,37 @@ impl Labels {
 
     /// Weights of a label in its cell.
     #[inline(always)]
-    pub fn taps(&self, label: usize) -> &Taps {
-        &self.taps[usize::from(self.labels[label].phase)]
+    pub fn taps(&self, label: usize) -> Taps<'_> {
+        let phase = usize::from(self.labels[label].phase);
+        Taps { across: &self.across[phase & 15], along: &self.along[phase >> 4] }
     }
 
     /// Value and gradient (per smallest spacing) of the spline at every label.
     pub fn sample(&self, c: &[f32]) -> Vec<[f32; 4]> {
         const PIECE: usize = 256;
-        let arch = pulp::Arch::new();
-        let piece = |first: usize| {
-            let cells = first..(first + PIECE).min(self.cells.len());
-            arch.dispatch(Sampling { labels: self, c, cells })
-        };
+        let piece = |first: usize| dispatch(Sampling { labels: self, c, cells: first..(first + PIECE).min(self.cells.len()) });
         in_order((0..self.cells.len()).into_par_iter().step_by(PIECE).map(piece).collect())
     }
 }
 
-/// The spline at the labels of some cells; compiled for several kinds of processor.
+/// The spline at the labels of some cells.
 struct Sampling<'a> {
     labels: &'a Labels,
     c: &'a [f32],
     cells: std::ops::Range<usize>,
 }
 
-impl pulp::WithSimd for Sampling<'_> {
+impl Job for Sampling<'_> {
     type Output = Vec<[f32; 4]>;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Vec<[f32; 4]> {
+    fn run<L: Lanes>(self, l: L) -> Vec<[f32; 4]> {
         let Sampling { labels, c, cells } = self;
         let mut out = Vec::with_capacity(4 * cells.len());
         for cell in cells {
-            let block = gather(c, &labels.cells[cell].rows);
-            for l in labels.of_cell(cell) {
-                let t = labels.taps(l);
-                out.push([dot(&t[0], &block), dot(&t[1], &block), dot(&t[2], &block), dot(&t[3], &block)]);
+            let block = gather(l, c, &labels.cells[cell].rows);
+            for n in labels.of_cell(cell) {
+                out.push(labels.taps(n).sample(l, &block));
             }
         }
         out
@@ -184,36 +236,46 @@ impl pulp::WithSimd for Sampling<'_> {
 
 /// The coefficients of a cell.
 #[inline(always)]
-pub(super) fn gather(c: &[f32], rows: &[u32; 16]) -> Block {
-    let mut out = [0.0; 64];
-    for (row, &at) in out.chunks_exact_mut(4).zip(rows) {
-        row.copy_from_slice(&c[at as usize..at as usize + 4]);
+pub(super) fn gather<L: Lanes>(l: L, c: &[f32], rows: &[u32; 16]) -> Block<L> {
+    let mut block = [l.splat(0.0); 4];
+    for k in 0..4 {
+        let mut pieces = [[0.0; 4]; 4];
+        for (piece, &at) in pieces.iter_mut().zip(&rows[4 * k..]) {
+            *piece = c[at as usize..].first_chunk().copied().unwrap_or_default();
+        }
+        block[k] = l.join(pieces);
     }
-    out
+    block
 }
 
-/// Their product, summed in eight lanes.
+/// Adds the rows of a cell to `part`, which starts at the coefficient `first`.
 #[inline(always)]
-pub(super) fn dot(a: &Block, b: &Block) -> f32 {
-    let mut s = [0.0f32; 8];
-    for n in 0..8 {
-        for i in 0..8 {
-            s[i] += a[8 * n + i] * b[8 * n + i];
+pub(super) fn scatter<L: Lanes>(l: L, part: &mut [f32], first: usize, rows: &[u32; 16], sum: Block<L>) {
+    for (sum, rows) in sum.into_iter().zip(rows.chunks_exact(4)) {
+        for (row, &at) in l.store(sum).chunks_exact(4).zip(rows) {
+            let at = at as usize - first;
+            part[at..at + 4].iter_mut().zip(row).for_each(|(o, s)| *o += s);
         }
     }
-    ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 }
 
-/// By the phases, bits 2a and 2a+1 the quarters of the way from one node to the next along axis a.
-fn taps(nodes: &Nodes, scale: [f32; 3]) -> Vec<Taps> {
-    let axis = |a: usize, phases: usize| {
-        let t = (phases >> (2 * a) & 3) as f64 / 4.0;
-        let slope = f64::from(scale[a]) / f64::from(nodes.step);
-        [spline::weights(t).map(|w| w as f32), spline::slopes(t).map(|w| (w * slope) as f32)]
-    };
+/// Weights for the value and the derivative at a phase, quarters of the way from one node to the next along an axis.
+fn weights(nodes: &Nodes, scale: [f32; 3], axis: usize, phase: usize) -> [[f32; 4]; 2] {
+    let t = phase as f64 / 4.0;
+    let slope = f64::from(scale[axis]) / f64::from(nodes.step);
+    [spline::weights(t).map(|w| w as f32), spline::slopes(t).map(|w| (w * slope) as f32)]
+}
+
+/// By the phases along x (bits 0 and 1) and y.
+fn across(nodes: &Nodes, scale: [f32; 3]) -> Vec<[Line; 3]> {
     let of = |phases: usize| {
-        let [x, y, z] = [axis(0, phases), axis(1, phases), axis(2, phases)];
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]].map(|o| std::array::from_fn(|n| x[o[0]][n % 4] * y[o[1]][n / 4 % 4] * z[o[2]][n / 16]))
+        let [x, y] = [weights(nodes, scale, 0, phases & 3), weights(nodes, scale, 1, phases >> 2)];
+        [[0, 0], [1, 0], [0, 1]].map(|o| std::array::from_fn(|n| x[o[0]][n % 4] * y[o[1]][n / 4]))
     };
-    (0..64).map(of).collect()
+    (0..16).map(of).collect()
+}
+
+/// By the phase along z.
+fn along(nodes: &Nodes, scale: [f32; 3]) -> Vec<[[f32; 4]; 2]> {
+    (0..4).map(|phase| weights(nodes, scale, 2, phase)).collect()
 }

@@ -2,9 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::band::{Band, CHUNK, TERMS};
-use super::energy::{self, ZERO, difference, differences, keep_valid, slot, unacross, undifference};
-use super::labels::{Block, Labels, Taps, dot, gather};
+use super::band::{Band, TERMS};
+use super::energy;
+use super::labels::{Labels, gather, scatter};
+use super::lanes::{Job, Lanes, dispatch};
 use super::likelihood;
 
 /// Layers of a slab: slabs of one parity are worked on at the same time. Products reach from a node to three layers
@@ -89,101 +90,25 @@ impl Quadratic<'_> {
     /// out = H x
     fn apply(&self, x: &[f32], out: &mut [f32]) {
         out.par_chunks_mut(1 << 16).for_each(|c| c.fill(0.0));
-        let arch = pulp::Arch::new();
-        slabs(self.problem.band, out, |layers, part, first| arch.dispatch(Product { form: self, x, layers, part, first }));
-    }
-
-    /// The regulariser's differences that start in a chunk.
-    #[inline(always)]
-    fn smoothness(&self, x: &[f32], chunk: usize, part: &mut [f32], first: usize) {
-        let band = self.problem.band;
-        let mut rows = differences(band, x, chunk);
-        let share = &self.share[band.places[chunk][0] as usize..][..CHUNK];
-        for (t, (line, (orders, _))) in rows.iter_mut().zip(&TERMS).enumerate() {
-            for _ in 0..orders[0] {
-                difference(line);
-            }
-            for i in 0..CHUNK {
-                line[i] *= self.terms[t] * share[i];
-            }
-            keep_valid(line, &band.valid[chunk], t);
-            for _ in 0..orders[0] {
-                undifference(line);
-            }
-        }
-        unacross(&mut rows);
-        energy::add(band, part, first, chunk, &rows);
-    }
-
-    /// The data of a cell.
-    #[inline(always)]
-    fn cell(&self, x: &[f32], c: usize, part: &mut [f32], first: usize) {
-        let labels = self.problem.labels;
-        let rows = &labels.cells[c].rows;
-        let mut block = None;
-        let mut sum = [0.0f32; 64];
-        for l in labels.of_cell(c) {
-            let Datum { curvature, normal: n } = &self.data[l];
-            if *curvature == 0.0 && *n == [0.0; 3] {
-                continue;
-            }
-            let block = block.get_or_insert_with(|| gather(x, rows));
-            let taps = labels.taps(l);
-            let along = along(taps, n);
-            spread(&mut sum, &taps[0], &along, curvature * dot(&taps[0], block), dot(&along, block));
-        }
-        if block.is_some() {
-            scatter(part, first, rows, &sum);
-        }
+        slabs(self.problem.band, out, |layers, part, first| dispatch(Product { form: self, x, layers, part, first }));
     }
 
     /// Diagonal of H.
     fn diagonal(&self) -> Vec<f32> {
-        let Problem { band, labels, .. } = *self.problem;
-        let binomial: [&[f32]; 4] = [&[1.0], &[1.0, 1.0], &[1.0, 4.0, 1.0], &[1.0, 9.0, 9.0, 1.0]];
-        let mut out = vec![0.0f32; band.len()];
-        slabs(band, &mut out, |z, part, first| {
-            for chunk in band.chunk_layers[z.start] as usize..band.chunk_layers[z.end] as usize {
-                let share = &self.share[band.places[chunk][0] as usize..][..CHUNK];
-                let mut rows = [ZERO; 10];
-                for (t, (o, _)) in TERMS.iter().enumerate() {
-                    let mut weight = ZERO;
-                    (0..CHUNK).for_each(|i| weight[i] = self.terms[t] * share[i]);
-                    keep_valid(&mut weight, &band.valid[chunk], t);
-                    let mut line = ZERO;
-                    for (k, w) in binomial[o[0]].iter().enumerate() {
-                        (0..CHUNK).for_each(|i| line[i + k] += w * weight[i]);
-                    }
-                    for (k, wk) in binomial[o[2]].iter().enumerate() {
-                        for (j, wj) in binomial[o[1]].iter().enumerate() {
-                            let w = wj * wk;
-                            rows[slot(j, k)].iter_mut().zip(&line).for_each(|(s, v)| *s += w * v);
-                        }
-                    }
-                }
-                energy::add(band, part, first, chunk, &rows);
-            }
-            for c in labels.moving(&z) {
-                let mut sum = [0.0f32; 64];
-                for l in labels.of_cell(c) {
-                    let Datum { curvature, normal: n } = &self.data[l];
-                    if *curvature == 0.0 && *n == [0.0; 3] {
-                        continue;
-                    }
-                    let value = &labels.taps(l)[0];
-                    let along = along(labels.taps(l), n);
-                    for i in 0..64 {
-                        sum[i] += curvature * value[i] * value[i] + along[i] * along[i];
-                    }
-                }
-                scatter(part, first, &labels.cells[c].rows, &sum);
-            }
-        });
+        let mut out = vec![0.0f32; self.problem.band.len()];
+        slabs(self.problem.band, &mut out, |layers, part, first| dispatch(Diagonal { form: self, layers, part, first }));
         out
+    }
+
+    /// The labels of a cell that say something.
+    #[inline(always)]
+    fn speaking(&self, c: usize) -> impl Iterator<Item = (usize, Datum)> {
+        let data = |l: usize| (l, self.data[l]);
+        self.problem.labels.of_cell(c).map(data).filter(|(_, d)| d.curvature != 0.0 || d.normal != [0.0; 3])
     }
 }
 
-/// What some layers of the band add to a product with the system's matrix; compiled for several kinds of processor.
+/// What some layers of the band add to a product with the system's matrix.
 struct Product<'a, 'b> {
     form: &'a Quadratic<'b>,
     x: &'a [f32],
@@ -192,46 +117,86 @@ struct Product<'a, 'b> {
     first: usize,
 }
 
-impl pulp::WithSimd for Product<'_, '_> {
+impl Job for Product<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
+    fn run<L: Lanes>(self, lanes: L) {
         let Product { form, x, layers, part, first } = self;
         let Problem { band, labels, .. } = *form.problem;
         for chunk in band.chunk_layers[layers.start] as usize..band.chunk_layers[layers.end] as usize {
-            form.smoothness(x, chunk, part, first);
+            energy::product(lanes, band, &form.terms, form.share, x, chunk, part, first);
         }
         for c in labels.moving(&layers) {
-            form.cell(x, c, part, first);
+            let rows = &labels.cells[c].rows;
+            let mut speaking = form.speaking(c).peekable();
+            if speaking.peek().is_none() {
+                continue;
+            }
+            let block = gather(lanes, x, rows);
+            let mut sum = [lanes.splat(0.0); 4];
+            for (l, Datum { curvature, normal: n }) in speaking {
+                let taps = labels.taps(l);
+                let v = taps.sample(lanes, &block);
+                let along = n[0] * v[1] + n[1] * v[2] + n[2] * v[3];
+                taps.spread(lanes, &mut sum, curvature * v[0], n.map(|n| n * along));
+            }
+            scatter(lanes, part, first, rows, sum);
         }
     }
 }
 
-/// Weights of a cell's coefficients for the derivative along `n`.
-#[inline(always)]
-fn along(taps: &Taps, n: &[f32; 3]) -> Block {
-    let mut out = [0.0; 64];
-    for i in 0..64 {
-        out[i] = n[0] * taps[1][i] + n[1] * taps[2][i] + n[2] * taps[3][i];
-    }
-    out
+/// The same of its diagonal.
+struct Diagonal<'a, 'b> {
+    form: &'a Quadratic<'b>,
+    layers: std::ops::Range<usize>,
+    part: &'a mut [f32],
+    first: usize,
 }
 
-/// Adds the rows of a cell to `part`, which starts at the coefficient `first`.
-#[inline(always)]
-fn scatter(part: &mut [f32], first: usize, rows: &[u32; 16], sum: &Block) {
-    for (row, &at) in sum.chunks_exact(4).zip(rows) {
-        let at = at as usize - first;
-        part[at..at + 4].iter_mut().zip(row).for_each(|(o, s)| *o += s);
+impl Job for Diagonal<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Diagonal { form, layers, part, first } = self;
+        let Problem { band, labels, .. } = *form.problem;
+        for chunk in band.chunk_layers[layers.start] as usize..band.chunk_layers[layers.end] as usize {
+            energy::diagonal(lanes, band, &form.terms, form.share, chunk, part, first);
+        }
+        for c in labels.moving(&layers) {
+            let mut sum = [lanes.splat(0.0); 4];
+            for (l, d) in form.speaking(c) {
+                labels.taps(l).squares(lanes, &mut sum, d.curvature, d.normal);
+            }
+            scatter(lanes, part, first, &labels.cells[c].rows, sum);
+        }
     }
 }
 
-/// Adds the effect of `p` on the value and of `q` on the derivative to the coefficients of a cell.
-#[inline(always)]
-fn spread(sum: &mut Block, value: &Block, along: &Block, p: f32, q: f32) {
-    for i in 0..64 {
-        sum[i] += p * value[i] + q * along[i];
+/// What some layers' labels add to a gradient.
+struct Spread<'a, F> {
+    labels: &'a Labels,
+    f: &'a F,
+    layers: std::ops::Range<usize>,
+    part: &'a mut [f32],
+    first: usize,
+}
+
+impl<F: Fn(usize) -> (f32, f32, [f32; 3])> Job for Spread<'_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Spread { labels, f, layers, part, first } = self;
+        for c in labels.moving(&layers) {
+            let mut sum = [lanes.splat(0.0); 4];
+            for l in labels.of_cell(c) {
+                let (p, q, n) = f(l);
+                labels.taps(l).spread(lanes, &mut sum, p, n.map(|n| n * q));
+            }
+            scatter(lanes, part, first, &labels.cells[c].rows, sum);
+        }
     }
 }
 
@@ -307,18 +272,7 @@ impl<'a> Problem<'a> {
 
     /// Adds the effects (p, q, n) of `f(label)` to `out`.
     fn spread(&self, out: &mut [f32], f: impl Fn(usize) -> (f32, f32, [f32; 3]) + Sync) {
-        let labels = self.labels;
-        slabs(self.band, out, |z, part, first| {
-            for c in labels.moving(&z) {
-                let mut sum = [0.0f32; 64];
-                for l in labels.of_cell(c) {
-                    let (p, q, n) = f(l);
-                    let taps = labels.taps(l);
-                    spread(&mut sum, &taps[0], &along(taps, &n), p, q);
-                }
-                scatter(part, first, &labels.cells[c].rows, &sum);
-            }
-        });
+        slabs(self.band, out, |layers, part, first| dispatch(Spread { labels: self.labels, f: &f, layers, part, first }));
     }
 
     /// Newton's method with conjugate gradients inside; returns the number of products with H.
@@ -349,7 +303,7 @@ impl<'a> Problem<'a> {
                 })
                 .unzip();
             // Gradient of the objective: the regulariser's, the likelihood's slope, and the gauge's aim.
-            let share: Vec<f32> = energy::density(self.band, &self.terms(1.0), c).iter().map(|e| (1.0 / (1.0 + e / w.crease)).max(LEAST_SHARE)).collect();
+            let share = energy::of_density(self.band, &self.terms(1.0), c, 1.0, |e| (1.0 / (1.0 + e / w.crease)).max(LEAST_SHARE));
             let h = Quadratic { problem: self, terms: self.energy(), data, share: &share };
             let smooth = Quadratic { problem: self, terms: h.terms, data: vec![Datum::default(); h.data.len()], share: &share };
             smooth.apply(c, &mut gradient);
