@@ -13,7 +13,7 @@ use crate::geometry::{Point, Vector};
 use crate::implicit::Implicit;
 use crate::mesh::{PatchKind, TriMesh};
 use crate::remesh::last_resort::Rung;
-use crate::remesh::{SizeField, Supports, angle_repair};
+use crate::remesh::{SizeField, Supports, angle_repair, ears};
 
 /// How openings are cut.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -72,6 +72,8 @@ pub struct CutSummary {
     pub rims: Vec<RimSummary>,
     /// Places remeshed by themselves in the end, with what each attempt brought.
     pub last_resort: Vec<Rung>,
+    /// Triangles of the wall that still had two edges on rims after all this, which prisms cannot grow from; opened.
+    pub ears: usize,
 }
 
 /// Cuts one surface open, end by end; what is cut stays cut where a later end cannot be.
@@ -136,7 +138,7 @@ impl<'a> Cutter<'a> {
     }
 
     /// Remeshes and repairs rims and caps. The result is closed; each cap lies in its plane to rounding and has its
-    /// opening's patch id.
+    /// opening's patch id. No triangle of the wall has two edges on rims.
     pub fn finish(self) -> (TriMesh, Vec<OpeningMeasure>, CutSummary) {
         let openings = self.openings();
         let Cutter { sheet, supports, size, options, mut summary, .. } = self;
@@ -147,6 +149,7 @@ impl<'a> Cutter<'a> {
         let (mut work, rims, last_resort) = rims::remesh(&work, &supports, size, &options.rims, &options.repair);
         summary.rims = rims;
         summary.last_resort = last_resort;
+        summary.ears = ears::open(&mut work, &supports);
         let mut measures = Vec::with_capacity(openings.len());
         let mut faces = faces_by_patch(&work);
         for o in &openings {

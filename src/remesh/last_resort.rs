@@ -13,7 +13,7 @@ use super::cutout::{self, Cutout, Fans};
 use super::isotropic::{self, IsotropicOptions};
 use super::shape::worst_cosine;
 use super::size_field::Scaled;
-use super::{Normals, SizeField, Supports};
+use super::{Normals, SizeField, Supports, ears};
 use crate::geometry::Point;
 use crate::mesh::TriMesh;
 use crate::mesh::intersect::self_intersections;
@@ -140,9 +140,10 @@ pub(crate) fn sound(cutout: &Cutout, new: &TriMesh) -> bool {
     cutout.fits(new) && self_intersections(&alone).is_empty()
 }
 
-/// Badness of the triangles above the target, worst first.
+/// Badness of the triangles above the target, worst first. An ear is as bad as a triangle of no height.
 pub(crate) fn score(cutout: &Cutout, mesh: &TriMesh, badness: Badness) -> Vec<u32> {
     let mut list: Vec<u32> = cutout.real(mesh).map(|t| of(mesh, t, badness)).filter(|&b| b > 0).collect();
+    list.extend(ears::among(mesh, cutout.real(mesh)).iter().map(|_| badness.of(1.0)));
     list.sort_unstable_by(|a, b| b.cmp(a));
     list
 }
@@ -152,8 +153,13 @@ fn of(mesh: &TriMesh, t: usize, badness: Badness) -> u32 {
     badness.of(worst_cosine(&a, &b, &c))
 }
 
+/// Triangles above the target, and ears.
 fn above_target(mesh: &TriMesh, badness: Badness) -> Vec<u32> {
-    (0..mesh.triangles.len()).filter(|&t| of(mesh, t, badness) > 0).map(|t| t as u32).collect()
+    let skewed = (0..mesh.triangles.len()).filter(|&t| of(mesh, t, badness) > 0);
+    let mut all: Vec<u32> = skewed.chain(ears::among(mesh, 0..mesh.triangles.len())).map(|t| t as u32).collect();
+    all.sort_unstable();
+    all.dedup();
+    all
 }
 
 fn center(mesh: &TriMesh, t: usize) -> Point {

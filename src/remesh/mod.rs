@@ -8,6 +8,7 @@ mod band_grid;
 pub mod curvature;
 pub mod chord;
 pub(crate) mod cutout;
+pub(crate) mod ears;
 mod even;
 pub mod improve;
 pub mod isotropic;
