@@ -170,3 +170,12 @@ fn layers_are_made_thinner_where_the_tetrahedra_inside_them_come_out_poor() {
     }
     assert!(retried > 0, "neither shape needed a second time: another is wanted for this test");
 }
+
+#[test]
+fn an_interrupt_ends_the_work_on_layers() {
+    let s = vessels::straight(2.0, 6.0, 4);
+    let o = BuildOptions { fill: options(), layers: Some(LayerOptions::default()), ..BuildOptions::default() };
+    let cancel = std::sync::atomic::AtomicBool::new(true);
+    let ended = build(&s, &Uniform(f64::NAN), &o, Some(&cancel)).expect_err("no mesh");
+    assert!(matches!(ended, lumenmesh::volume::Error::Cancelled), "{ended}");
+}

@@ -119,8 +119,9 @@ pub fn build_watched(
     let mut thinner: Vec<u32> = vec![];
     let mut best: Option<((bool, f64), VolumeMesh, BuildSummary)> = None;
     loop {
-        let (grown, summary) = match layers::grow(surface, wanted, &thinner) {
+        let (grown, summary) = match layers::grow(surface, wanted, &thinner, &|| cancelled(cancel)) {
             Ok(grown) => grown,
+            Err(_) if cancelled(cancel) => return Err(Error::Cancelled),
             Err(_) if best.is_some() => break,
             Err(at) => return Err(Error::Layers { places: at.iter().map(|&v| surface.points[v as usize]).collect() }),
         };

@@ -104,11 +104,16 @@ pub struct Layers {
 /// Grows layers from the wall of `surface`, which is closed, oriented and free of self-intersection.
 ///
 /// No prism is inverted: at all six corners the three edges are right-handed. Layers start thinner round the vertices
-/// of `thinner`, once for each time that one stands there.
+/// of `thinner`, once for each time that one stands there. `stop` is asked before each round.
 ///
 /// # Errors
-/// The vertices at which even thin layers are not possible; none where there is no wall.
-pub fn grow(surface: &TriMesh, options: &LayerOptions, thinner: &[u32]) -> Result<(Layers, LayerSummary), Vec<u32>> {
+/// The vertices at which even thin layers are not possible; none where there is no wall and where `stop` said so.
+pub fn grow(
+    surface: &TriMesh,
+    options: &LayerOptions,
+    thinner: &[u32],
+    stop: &dyn Fn() -> bool,
+) -> Result<(Layers, LayerSummary), Vec<u32>> {
     let mut wall = Wall::new(surface).ok_or_else(Vec::new)?;
     let wished = wall.wished(surface, options);
     let steps = steps(options);
@@ -121,6 +126,9 @@ pub fn grow(surface: &TriMesh, options: &LayerOptions, thinner: &[u32]) -> Resul
     let mut t = smooth_lower(surface, t, 0.25);
     let mut rounds = 0;
     let inner = loop {
+        if stop() {
+            return Err(Vec::new());
+        }
         let ends = wall.ends(surface, &t);
         let inner = wall.inner(surface, &ends);
         // What does not become good by itself suffers from how far its neighbours have moved.
