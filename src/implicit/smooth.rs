@@ -23,8 +23,10 @@
 mod band;
 mod critical;
 mod energy;
+mod fine;
 mod labels;
 mod lanes;
+mod level;
 mod likelihood;
 mod noise;
 mod neighbourhood;
@@ -39,11 +41,12 @@ use serde::Serialize;
 use super::Implicit;
 use crate::geometry::{Aabb, Point, Vector};
 use crate::mask::{self, Grid, Mask};
-use band::{Band, Nodes};
-use labels::{Labels, Near};
+use band::Nodes;
+use labels::Near;
+use level::{Level, subdivide, tile};
 use refine::Coarse;
 use solve::{Effort, Problem, Weights};
-use spline::{NODES, TILE, TILE_LEN, Tile, TiledSpline, tile_of};
+use spline::{TiledSpline, tile_of};
 
 /// How to weigh smoothness against the labels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -280,13 +283,13 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
     let effort = Effort { steps: options.steps, sigma: 0.4, products: options.products, tolerance: 0.1, change: 0.03 };
 
     let mut products = 0;
-    let mut coarse = Level::new(mask, Nodes::of(mask, refine, 4), &near, false, weights.scale);
+    let mut coarse = Level::new(mask, Nodes::of(mask, refine, 4), &near, None, false, weights.scale);
 
     let problem = Problem { band: &coarse.band, labels: &coarse.labels, weights, frozen: &[] };
     let (mut c, started) = problem.start(spacing.map(|s| (s / unit) as f32), effort);
     products += started + problem.newton(&mut c, &[], effort);
 
-    let level = Level::new(mask, Nodes::of(mask, refine, 2), &near, true, weights.scale);
+    let level = Level::new(mask, Nodes::of(mask, refine, 2), &near, None, true, weights.scale);
 
     c = subdivide(&coarse.band, &c, &level.band);
 
@@ -319,13 +322,13 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
     };
     let leniently = noisy && !options.strict;
     let base = Coarse { mask, level: coarse, c, near: &near, weights, effort, leniently };
-    hard.extend(base.must_keep(None));
+    hard.extend(base.must_keep(&values, None));
 
-    let fine = if hard.is_empty() { TiledSpline::nowhere() } else { base.refine(&hard, options.repairs, &mut summary) };
+    let fine = if hard.is_empty() { TiledSpline::nowhere() } else { base.refine(&hard, values, options.repairs, &mut summary) };
 
     let Coarse { level: coarse, c, .. } = base;
     let nodes = coarse.band.nodes;
-    let table = tile(mask, &coarse.band, &c, None, |_| true);
+    let table = tile(mask, &coarse.band, &c);
 
     let g = &mask.grid;
     let corners = (0..8).map(|n| {
@@ -351,162 +354,6 @@ fn fit_inside(mask: &Mask, options: &SmoothOptions) -> Result<(SmoothImplicit, S
         summary.given_up = near.par_iter().filter(|n| against(n)).count();
     }
     Ok((f, summary))
-}
-
-/// A band and its labels.
-struct Level {
-    band: Band,
-    labels: Labels,
-}
-
-impl Level {
-    /// The band round the voxels `near`, and their labels, with those of their neighbours if `second`.
-    fn new(mask: &Mask, nodes: Nodes, near: &[Near], second: bool, scale: [f32; 3]) -> Level {
-        let band = Band::of(nodes, near);
-        let labels = Labels::of(mask, &band, near, second, scale);
-        Level { band, labels }
-    }
-
-    /// Labels whose value lies less than `least` on their side of zero.
-    fn below(&self, values: &[[f32; 4]], least: f32) -> Vec<usize> {
-        (0..values.len()).filter(|&i| f32::from(self.labels.labels[i].sign) * values[i][0] < least).collect()
-    }
-
-    /// Labels of this level, with these values, that are contradicted and that the topology needs.
-    fn must_keep(&self, mask: &Mask, values: &[[f32; 4]], leniently: bool) -> Vec<usize> {
-        let amount = |l: usize| -f32::from(self.labels.labels[l].sign) * values[l][0];
-        critical::critical(mask, &self.labels.labels, &self.below(values, 0.0), leniently, amount)
-    }
-}
-
-/// Distance from zero of the far field, smallest spacings.
-const FAR: f32 = 6.0;
-
-/// The coefficients of the spline at a row of nodes of the next finer level, from node `n` on, into `out`; one that `from`
-/// lacks is asked of `missing`.
-fn subdivided(from: &Band, c: &[f32], to: &Nodes, n: [i32; 3], missing: &impl Fn([i32; 3]) -> Option<f32>, out: &mut [f32]) {
-    // Along an axis: first node and weights at the even and odd places.
-    let axis = |a: usize, i: i32| -> (i32, [f32; 3]) {
-        let at = i + to.low[a];
-        let half = at.div_euclid(2) - from.nodes.low[a];
-        if at.rem_euclid(2) == 0 { (half - 1, [0.125, 0.75, 0.125]) } else { (half, [0.5, 0.5, 0.0]) }
-    };
-    let ((y, wy), (z, wz)) = (axis(1, n[1]), axis(2, n[2]));
-    const PIECE: usize = 32;
-    if out.len() > PIECE {
-        for (piece, x) in out.chunks_mut(PIECE).zip((n[0]..).step_by(PIECE)) {
-            subdivided(from, c, to, [x, n[1], n[2]], missing, piece);
-        }
-        return;
-    }
-    let first = axis(0, n[0]).0;
-    // Across the rows first: sums, and of the weights that found a coefficient.
-    let mut row = [0.0; PIECE / 2 + 4];
-    let row = &mut row[..out.len() / 2 + 4];
-    let mut sums = [[0.0f32; 2]; PIECE / 2 + 4];
-    for k in 0..3 {
-        for j in 0..3 {
-            let w = wy[j] * wz[k];
-            if w == 0.0 {
-                continue;
-            }
-            let (y, z) = (y + j as i32, z + k as i32);
-            row.fill(f32::NAN);
-            from.fetch(c, y, z, first, row);
-            for ((v, sum), x) in row.iter().zip(&mut sums).zip(first..) {
-                if let Some(v) = if v.is_nan() { missing([x, y, z]) } else { Some(*v) } {
-                    *sum = [sum[0] + w * v, sum[1] + w];
-                }
-            }
-        }
-    }
-    for (out, i) in out.iter_mut().zip(n[0]..) {
-        let (x, w) = axis(0, i);
-        let at = (x - first) as usize;
-        let [sum, total] = [0, 1].map(|s| (0..3).map(|i| w[i] * sums[at + i][s]).sum::<f32>());
-        *out = if total > 0.0 { sum / total } else { 0.0 };
-    }
-}
-
-/// The same spline with twice the nodes.
-fn subdivide(from: &Band, c: &[f32], to: &Band) -> Vec<f32> {
-    let run = |r: &band::Run| {
-        let mut out = vec![0.0; r.len as usize];
-        subdivided(from, c, &to.nodes, [r.x, r.y, r.z], &|_| None, &mut out);
-        out
-    };
-    to.fill(0.0, run)
-}
-
-/// The coefficients in tiles.
-///
-/// Of the runs, only those `wanted` ask for tiles. Beyond the band stand the coefficients of the `coarser` level, or a
-/// constant by the nearest voxel's label where there is none.
-fn tile(mask: &Mask, band: &Band, c: &[f32], coarser: Option<(&Band, &[f32])>, wanted: impl Fn(&band::Run) -> bool) -> TiledSpline {
-    let dims = band.nodes.dims;
-    let tiles = dims.map(|n| n.div_ceil(TILE));
-    let index = |t: [usize; 3]| t[0] + tiles[0] * (t[1] + tiles[1] * t[2]);
-    let mut needed = vec![false; tiles.iter().product()];
-    // Node i belongs to cells i−2 ..= i+1.
-    let span = |a: usize, lo: i32, hi: i32| {
-        let last = tiles[a] as i32 - 1;
-        let tile = |i: i32| i.div_euclid(TILE as i32).clamp(0, last) as usize;
-        tile(lo - 2)..=tile(hi + 1)
-    };
-    for r in band.runs.iter().filter(|r| wanted(r)) {
-        for z in span(2, r.z, r.z) {
-            for y in span(1, r.y, r.y) {
-                for x in span(0, r.x, r.x + r.len as i32 - 1) {
-                    needed[index([x, y, z])] = true;
-                }
-            }
-        }
-    }
-    let side = |nodes: &Nodes, n: [i32; 3]| {
-        let v = nodes.voxel(n);
-        if mask.at(v[0], v[1], v[2]) { -FAR } else { FAR }
-    };
-    let mut stored = 0;
-    let mut table = Vec::with_capacity(needed.len());
-    let mut keys = Vec::new();
-    for (n, &want) in needed.iter().enumerate() {
-        let t = [n % tiles[0], n / tiles[0] % tiles[1], n / (tiles[0] * tiles[1])];
-        if want {
-            table.push(Tile::Stored(stored));
-            stored += 1;
-            keys.push(t);
-        } else if coarser.is_some() {
-            table.push(Tile::Absent);
-        } else {
-            table.push(Tile::Constant(side(&band.nodes, t.map(|t| (t * TILE) as i32))));
-        }
-    }
-    let beyond = |n: [i32; 3], out: &mut [f32]| match coarser {
-        None => out.iter_mut().zip(n[0]..).for_each(|(v, x)| *v = side(&band.nodes, [x, n[1], n[2]])),
-        Some((from, c)) => subdivided(from, c, &band.nodes, n, &|m| Some(side(&from.nodes, m)), out),
-    };
-    let parts: Vec<Vec<f32>> = keys
-        .par_iter()
-        .map(|t| {
-            let low = t.map(|t| (t * TILE) as i32 - 1);
-            let mut out = Vec::with_capacity(TILE_LEN);
-            for k in 0..NODES as i32 {
-                for j in 0..NODES as i32 {
-                    let (y, z) = (low[1] + j, low[2] + k);
-                    let mut row = [f32::NAN; NODES];
-                    band.fetch(c, y, z, low[0], &mut row);
-                    if row.iter().any(|v| v.is_nan()) {
-                        let mut other = [0.0; NODES];
-                        beyond([low[0], y, z], &mut other);
-                        row.iter_mut().zip(other).filter(|(v, _)| v.is_nan()).for_each(|(v, o)| *v = o);
-                    }
-                    out.extend(row);
-                }
-            }
-            out
-        })
-        .collect();
-    TiledSpline { tiles, table, coefficients: labels::in_order(parts), outside: f64::from(FAR) }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::labels::{Near, in_order};
 use super::energy::slot;
 use super::lanes::Line;
+use super::neighbourhood::Neighbourhood;
 use super::spline::weights;
 use crate::geometry::Vector;
 use crate::mask::Mask;
@@ -72,6 +73,11 @@ impl Nodes {
         (at.div_euclid(self.step) - 1 - self.low[axis], (at.rem_euclid(self.step) * 4 / self.step) as u8)
     }
 
+    /// The voxels nearest to the nodes along an axis.
+    pub fn voxels(&self, axis: usize) -> Vec<i16> {
+        (0..self.dims[axis] as i32).map(|n| self.voxel([n; 3])[axis] as i16).collect()
+    }
+
     /// The voxel nearest to a node of the box.
     pub fn voxel(&self, n: [i32; 3]) -> [i64; 3] {
         std::array::from_fn(|a| {
@@ -102,10 +108,13 @@ pub(super) struct Band {
 }
 
 impl Band {
-    /// The nodes that carry the spline at the voxels `near`, and half a voxel round them.
-    pub fn of(nodes: Nodes, near: &[Near]) -> Band {
+    /// The nodes that carry the spline at the voxels `near`, and half a voxel round them; of these the ones at a voxel of `within`.
+    pub fn of(nodes: Nodes, near: &[Near], within: Option<&Neighbourhood>) -> Band {
         let [nx, ny, nz] = nodes.dims;
         let mut marked = mark(&nodes, near);
+        if let Some(within) = within {
+            marked.clip(&nodes, within);
+        }
         let mut runs = Vec::new();
         let mut rows = Vec::with_capacity(ny * nz + 1);
         for r in 0..ny * nz {
@@ -310,6 +319,18 @@ impl Marked {
         self.bytes[self.width * row..][x..end].iter_mut().filter(|v| **v == 0).for_each(|v| *v = 1);
         let span = &mut self.spans[row];
         *span = if span.start >= span.end { x as u32..end as u32 } else { span.start.min(x as u32)..span.end.max(end as u32) };
+    }
+
+    /// Takes the marks off nodes whose voxel lies not `within`.
+    fn clip(&mut self, nodes: &Nodes, within: &Neighbourhood) {
+        let [x, y, z] = [0, 1, 2].map(|a| nodes.voxels(a));
+        for (row, span) in self.spans.iter().enumerate().filter(|(_, s)| s.start < s.end) {
+            let (y, z) = (y[row % y.len()], z[row / y.len()]);
+            let range = span.start as usize..span.end as usize;
+            for (v, &x) in self.bytes[self.width * row..][range.clone()].iter_mut().zip(&x[range]).filter(|(v, _)| **v != 0) {
+                *v = u8::from(within.holds([x, y, z]));
+            }
+        }
     }
 
     /// First node and length of the pieces of a row that are marked.

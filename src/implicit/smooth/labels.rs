@@ -129,9 +129,11 @@ impl Labels {
     /// `second`: with the neighbours. `scale`: finest nodes a smallest spacing, per axis.
     pub fn of(mask: &Mask, band: &Band, near: &[Near], second: bool, scale: [f32; 3]) -> Labels {
         let nodes = band.nodes;
-        let size: [usize; 3] = std::array::from_fn(|a| mask.grid.dims[a] + 4);
+        // The box of these voxels and their neighbours.
+        let low: [i16; 3] = std::array::from_fn(|a| near.iter().map(|n| n.voxel[a]).min().unwrap_or(0) - 1);
+        let size: [usize; 3] = std::array::from_fn(|a| (near.iter().map(|n| n.voxel[a]).max().unwrap_or(0) + 2 - low[a]) as usize);
         let mut wanted = vec![0u8; size.iter().product()];
-        let at = |v: [i16; 3]| (v[0] + 2) as usize + size[0] * ((v[1] + 2) as usize + size[1] * (v[2] + 2) as usize);
+        let at = |v: [i16; 3]| (v[0] - low[0]) as usize + size[0] * ((v[1] - low[1]) as usize + size[1] * (v[2] - low[2]) as usize);
         for n in near.iter().filter(|_| second) {
             for k in -1..=1 {
                 for j in -1..=1 {
@@ -149,9 +151,9 @@ impl Labels {
             .map(|(k, layer)| {
                 let mut out = Vec::new();
                 for (n, &w) in layer.iter().enumerate().filter(|(_, w)| **w != 0) {
-                    let voxel = [(n % size[0]) as i64 - 2, (n / size[0]) as i64 - 2, k as i64 - 2];
+                    let voxel: [i64; 3] = std::array::from_fn(|a| [n % size[0], n / size[0], k][a] as i64 + i64::from(low[a]));
                     let first: [(i32, u8); 3] = std::array::from_fn(|a| nodes.first(a, voxel[a]));
-                    let key = (0..3).rev().fold(0u64, |key, a| key * nodes.dims[a] as u64 + first[a].0.max(0) as u64);
+                    let key = key(&nodes, first.map(|f| f.0));
                     let phase = (0..3).fold(0, |p, a| p | first[a].1 << (2 * a));
                     let sign = if mask.at(voxel[0], voxel[1], voxel[2]) { -1 } else { 1 };
                     out.push((key, Label { voxel: voxel.map(|v| v as i16), sign, phase, axes: w & 7 }));
@@ -164,12 +166,8 @@ impl Labels {
         let mut out = Labels { labels: Vec::new(), cells: Vec::new(), layers: vec![0; nodes.dims[2] + 1], across: across(&nodes, scale), along: along(&nodes, scale) };
         for group in found.chunk_by(|a, b| a.0 == b.0) {
             let low: [i32; 3] = std::array::from_fn(|a| nodes.first(a, i64::from(group[0].1.voxel[a])).0);
-            let rows: [Option<u32>; 16] =
-                std::array::from_fn(|n| band.place(low[0], low[1] + (n % 4) as i32, low[2] + (n / 4) as i32, 4));
-            if low.iter().any(|&n| n < 0) || rows.contains(&None) {
-                continue;
-            }
-            out.cells.push(Cell { rows: rows.map(Option::unwrap_or_default), first: out.labels.len() as u32, frozen: false });
+            let Some(rows) = rows_of(band, low) else { continue };
+            out.cells.push(Cell { rows, first: out.labels.len() as u32, frozen: false });
             out.layers[low[2] as usize + 1] = out.cells.len() as u32;
             out.labels.extend(group.iter().map(|(_, l)| *l));
         }
@@ -177,6 +175,13 @@ impl Labels {
             out.layers[k] = out.layers[k].max(out.layers[k - 1]);
         }
         out
+    }
+
+    /// Place of a voxel's label; `nodes`: the band's.
+    pub fn find(&self, nodes: &Nodes, voxel: [i16; 3]) -> Option<usize> {
+        let of = |v: [i16; 3]| key(nodes, std::array::from_fn(|a| nodes.first(a, i64::from(v[a])).0));
+        let cell = self.cells.binary_search_by_key(&of(voxel), |c| of(self.labels[c.first as usize].voxel)).ok()?;
+        self.of_cell(cell).find(|&l| self.labels[l].voxel == voxel)
     }
 
     /// Marks the cells none of whose coefficients may change.
@@ -208,6 +213,20 @@ impl Labels {
         let piece = |first: usize| dispatch(Sampling { labels: self, c, cells: first..(first + PIECE).min(self.cells.len()) });
         in_order((0..self.cells.len()).into_par_iter().step_by(PIECE).map(piece).collect())
     }
+}
+
+/// The order of cells, by their lowest nodes.
+fn key(nodes: &Nodes, low: [i32; 3]) -> u64 {
+    (0..3).rev().fold(0u64, |key, a| key * nodes.dims[a] as u64 + low[a].max(0) as u64)
+}
+
+/// Places of the 16 rows of the cell whose lowest node is `low`, where the band has them all.
+fn rows_of(band: &Band, low: [i32; 3]) -> Option<[u32; 16]> {
+    let mut rows = [0; 16];
+    for (n, row) in (0..).zip(&mut rows) {
+        *row = band.place(low[0], low[1] + n % 4, low[2] + n / 4, 4)?;
+    }
+    low.iter().all(|&n| n >= 0).then_some(rows)
 }
 
 /// The spline at the labels of some cells.

@@ -40,6 +40,13 @@ pub(super) fn tile_of(x: f64) -> i64 {
     (x.floor() as i64).div_euclid(TILE as i64)
 }
 
+/// The tiles, of so many along an axis, on which the coefficients of nodes `first` to `last` have an effect: node i belongs to
+/// cells i−2 to i+1. These are also the tiles that store one of them.
+pub(super) fn tiles_of(tiles: usize, first: i32, last: i32) -> std::ops::RangeInclusive<usize> {
+    let tile = |cell: i32| cell.div_euclid(TILE as i32).clamp(0, tiles as i32 - 1) as usize;
+    tile(first - 2)..=tile(last + 1)
+}
+
 #[inline]
 pub(super) fn weights(t: f64) -> [f64; 4] {
     let (t2, s) = (t * t, 1.0 - t);
