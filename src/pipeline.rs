@@ -15,6 +15,7 @@ mod results;
 mod retry;
 mod series;
 mod survey;
+mod wall;
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -29,7 +30,6 @@ pub use survey::Survey;
 use crate::centerline::{self, Centerlines};
 use crate::config::{Case, Detect};
 use crate::geometry::Point;
-use crate::implicit::guard::{GuardOptions, Guarded, MaskBoundary};
 use crate::implicit::{self, Implicit};
 use crate::mask::{self, Mask};
 use crate::mesh::{self, TriMesh, VolumeMesh};
@@ -96,6 +96,8 @@ struct Draft {
     implicit: Box<dyn Implicit>,
     /// Its polygonized wall.
     polygons: TriMesh,
+    /// How it was polygonized.
+    polygonizer: polygonize::PolygonizeOptions,
     /// Its centerlines.
     centerlines: Centerlines,
 }
@@ -307,7 +309,9 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     let fidelity = clock.run(
         "fidelity",
         || {
-            let reference = quality::fidelity::Reference::new(&outcome.mask)?;
+            // A wall that was not cut goes on through the padding; so must the mask that it is held against.
+            let padded = cuts.is_empty().then(|| mask::crop_pad(&outcome.mask, 4, PAD));
+            let reference = quality::fidelity::Reference::new(padded.as_ref().unwrap_or(&outcome.mask))?;
             let vessel = results::without_extensions(&surface, &parts);
             let mut measured = quality::fidelity::measure(&vessel, &reference, &cuts, &Default::default())?;
             results::leave_out_extensions(&mut measured, &surface, &parts);
@@ -364,45 +368,13 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
 
 /// One component: implicit, polygons, centerlines.
 fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Draft, Error> {
-    let context = clock.context;
-    let mask = mask::crop_pad(&component, 4, PAD);
+    let (mask, quieted) = noise::padded(&component, PAD);
     let wanted = mask::topology(&mask);
-    let polygons = |f: &dyn Implicit| polygonize::polygonize(f, &mask, &options::polygonizer(case));
-    let described = |p: &(TriMesh, polygonize::PolygonizeSummary)| format!("{} triangles", p.0.triangles.len());
-    let reconstruct::Wall { mut implicit, noisy } = clock.run("reconstruct", || reconstruct::reconstruct(case, source, &mask, report), |_| String::new())?;
-    let (mut surface, mut summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
-    let as_wanted = |surface: &TriMesh| {
-        let topology = mesh::topology::check(surface);
-        (topology.euler, topology.components) == (2 * wanted.euler, wanted.components)
-    };
-    // On a noisy mask the fit gives up labels, which can go too far.
-    if !as_wanted(&surface)
-        && let Some(f) = clock.run("reconstruct", || reconstruct::strictly(case, source, &mask, report), |_| String::new())?
-    {
-        implicit = f;
-        (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
-    }
-    // The guard costs smoothness where it acts: it is taken where the fit alone has another topology than the mask, and
-    // drawn narrower where its band still lets sheets meet.
-    let mut guards = GuardOptions::default().narrower();
-    if options::guarded(case, source) {
-        guards.next();
-    }
-    for guard in guards {
-        if as_wanted(&surface) {
-            break;
-        }
-        let (found, twice) = (mesh::topology::check(&surface), 2 * wanted.euler);
-        context.progress.explain(&format!("the surface has another topology than the mask (Euler number {} instead of {twice}, {} parts instead of {}): it is held within {:.2} voxel diagonals of the mask's boundary", found.euler, found.components, wanted.components, guard.band));
-        let boundary = MaskBoundary::new(&mask, &guard).ok_or(Error::EmptyComponent)?;
-        implicit = Box::new(Guarded::new(implicit, boundary));
-        (surface, summary) = clock.run("polygonize", || polygons(implicit.as_ref()), described)?;
-        report.put_in("reconstruction", "guarded", &true);
-        report.put_in("reconstruction", "guard", &guard);
-    }
-    let polygons = surface;
+    let wall::Polygonized { implicit, noisy, polygons, summary, options: polygonizer } = wall::polygonized(case, source, clock, report, &mask, &wanted)?;
     report.put_in("reconstruction", "polygonizer", &summary);
-    let (mask, relabelled) = if noisy { noise::relabel(mask, implicit.as_ref(), &wanted) } else { (mask, Vec::new()) };
+    let (mask, mut relabelled) = if noisy { noise::relabel(mask, implicit.as_ref(), &wanted) } else { (mask, Vec::new()) };
+    // The later label counts: what was flipped at the border may have been flipped back.
+    relabelled.splice(..0, quieted);
     if noisy {
         report.put_in("reconstruction", "passed_over", &noise::entry(&relabelled));
     }
@@ -418,7 +390,7 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
         },
         |c| format!("{} branches", c.branches.len()),
     )?;
-    Ok(Draft { mask, relabelled, implicit, polygons, centerlines })
+    Ok(Draft { mask, relabelled, implicit, polygons, polygonizer, centerlines })
 }
 
 /// Part of the whole surface that each component has: polygons are of one size.
@@ -431,7 +403,7 @@ fn shares(drafts: &[Draft]) -> Vec<f64> {
 /// `share` is its part of the whole surface, of which `target_faces` speaks.
 fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends: Vec<Opening>, share: f64) -> Result<Part, Error> {
     let context = clock.context;
-    let Draft { mask, mut implicit, mut polygons, centerlines: traced, .. } = draft;
+    let Draft { mask, mut implicit, mut polygons, polygonizer, centerlines: traced, .. } = draft;
     let mut centerlines = traced.clone();
     let (mut openings, mut extensions) = (ends.clone(), Vec::new());
     let mut wanted = options::extensions(case, &mask, implicit.as_ref(), &traced, &ends)?;
@@ -458,7 +430,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
         }
         let extend = || -> Result<_, Error> {
             let (extended, moved) = openings::Extended::new(implicit, &mask, &ends, &clear)?;
-            let level = polygonize::PolygonizeOptions { offset: 0.0, ..options::polygonizer(case) };
+            let level = polygonize::PolygonizeOptions { offset: 0.0, ..polygonizer };
             let (polygons, _) = polygonize::polygonize(&extended, &mask, &level)?;
             Ok((extended, moved, polygons))
         };

@@ -211,3 +211,19 @@ fn a_mask_of_which_every_seventh_boundary_voxel_is_wrong_has_the_ends_and_the_si
     // Half a voxel.
     like_openings(&clean, &noisy, 0.25, 0.03);
 }
+
+#[test]
+fn cells_too_coarse_for_a_thin_vessel_are_made_finer_and_it_is_told() {
+    let dir = folder();
+    let dir = dir.path();
+    done(&["phantom", "thin", "-o", "case"], dir);
+    lumenmesh(&["mesh", "case/mask.nrrd", "-o", "out", "--stop-after", "reconstruction", "--set", "reconstruction.cell=2"], dir);
+    let out = report(&dir.join("out"));
+    assert_eq!(number(&out["surface"]["topology"]["euler"]), 2.0 * number(&out["cleaning"]["after"]["euler"]));
+    assert!(number(&out["reconstruction"]["finer_cells"]) < 2.0, "{}", out["reconstruction"]);
+    // Nothing of it is cut, and the vessels go on beyond the picture: so does the mask that the wall is held against.
+    lumenmesh(&["mesh", "case/mask.nrrd", "-o", "fine", "--stop-after", "reconstruction"], dir);
+    let fine = report(&dir.join("fine"));
+    assert!(fine["reconstruction"]["finer_cells"].is_null());
+    assert!(number(&fine["fidelity"]["from_marching_cubes"]["max"]) < 0.6, "{}", fine["fidelity"]);
+}

@@ -18,7 +18,7 @@ const CORNERS: u32 = 1 | 1 << 2 | 1 << 6 | 1 << 8 | 1 << 18 | 1 << 20 | 1 << 24 
 const EIGHTEEN: u32 = ALL & !CORNERS & !CENTER;
 
 /// Steps of the six face neighbours.
-pub(super) const STEPS_6: [[i64; 3]; 6] = [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]];
+pub(crate) const STEPS_6: [[i64; 3]; 6] = [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]];
 
 /// The neighbourhood of voxel `n` in an array that has a layer of voxels all round `n`; `object` tells what counts.
 pub(super) fn gather(data: &[u8], dims: [usize; 3], n: usize, object: impl Fn(u8) -> bool) -> u32 {

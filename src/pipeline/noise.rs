@@ -5,10 +5,10 @@ use serde::Serialize;
 
 use crate::geometry::{Point, Vector};
 use crate::implicit::Implicit;
-use crate::mask::{self, Grid, Mask, Topology};
+use crate::implicit::smooth::SmoothOptions;
+use crate::mask::neighborhood::STEPS_6;
+use crate::mask::{self, Mask, Topology};
 
-/// Voxels on the wrong side of the wall by more than this, in smallest spacings, are noise.
-const BEYOND: f64 = 0.2;
 /// Places that the report lists.
 const PLACES: usize = 10;
 
@@ -26,11 +26,29 @@ pub struct PassedOver {
 /// A voxel's middle and what it is now.
 pub(super) type Relabelled = (Point, u8);
 
+/// A component cropped, with a margin of four voxels, and continued by `pad` voxels where it leaves the picture; of a noisy one the
+/// layers at the picture's border are rid of noise first, which would be continued with them.
+pub(super) fn padded(component: &Mask, pad: usize) -> (Mask, Vec<Relabelled>) {
+    let mask = mask::crop_pad(component, 4, pad);
+    let continued = mask.count() > component.count();
+    if !continued || mask::noise::estimate(&mask, &mask::interface(&mask)) == 0.0 {
+        return (mask, Vec::new());
+    }
+    let (quiet, changed) = mask::noise::quiet_border(component);
+    let quieted = mask::crop_pad(&quiet, 4, pad);
+    if mask::topology(&quieted) != mask::topology(&mask) {
+        return (mask, Vec::new());
+    }
+    let told = |&n: &usize| (quiet.grid.to_world(Vector::from(quiet.grid.voxel(n).map(|c| c as f64))), quiet.data[n]);
+    (quieted, changed.iter().map(told).collect())
+}
+
 /// The mask without the voxels that lie on the wrong side of `wall`, and what was relabelled. All stays where the topology would
 /// not be `wanted`.
 pub(super) fn relabel(mask: Mask, wall: &dyn Implicit, wanted: &Topology) -> (Mask, Vec<Relabelled>) {
     let smallest = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    for beyond in [BEYOND * smallest, 0.0] {
+    // What the fit calls given up, then all on the wrong side.
+    for beyond in [SmoothOptions::default().refine_beyond * smallest, 0.0] {
         let (clean, changed) = on_their_side(&mask, wall, beyond);
         if mask::topology(&clean) == *wanted {
             return (clean, changed);
@@ -45,7 +63,7 @@ fn on_their_side(mask: &Mask, wall: &dyn Implicit, beyond: f64) -> (Mask, Vec<Re
     let mut looked_at = vec![false; mask.data.len()];
     let faces = |n: usize| {
         let [i, j, k] = mask.grid.voxel(n).map(|c| c as i64);
-        [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]].into_iter().filter_map(move |d: [i64; 3]| mask.grid.linear(i + d[0], j + d[1], k + d[2]))
+        STEPS_6.into_iter().filter_map(move |d| mask.grid.linear(i + d[0], j + d[1], k + d[2]))
     };
     let mut stack: Vec<usize> = (0..mask.data.len()).filter(|&n| faces(n).any(|m| mask.data[m] != mask.data[n])).collect();
     let mut changed = Vec::new();
@@ -67,13 +85,10 @@ fn on_their_side(mask: &Mask, wall: &dyn Implicit, beyond: f64) -> (Mask, Vec<Re
 
 /// Takes what was relabelled in a component over into the mask of all.
 pub(super) fn carry_over(mask: &mut Mask, changed: &[Relabelled]) {
-    let at = |grid: &Grid, p: &Point| {
-        let x = grid.to_index(p);
-        grid.linear(x[0].round() as i64, x[1].round() as i64, x[2].round() as i64)
-    };
     for (p, label) in changed {
+        let [i, j, k]: [i64; 3] = mask.grid.to_index(p).map(|x| x.round() as i64).into();
         // A component's mask goes on beyond the picture.
-        if let Some(n) = at(&mask.grid, p) {
+        if let Some(n) = mask.grid.linear(i, j, k) {
             mask.data[n] = *label;
         }
     }
