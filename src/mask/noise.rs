@@ -48,7 +48,8 @@ pub(crate) fn support(mask: &Mask, voxel: [i32; 3]) -> usize {
 /// `mask`, whose box is the lumen's, with noise taken off its layers at the picture's border; and the voxels that changed.
 ///
 /// Continued beyond the picture, as [`super::crop_pad`] does, a wrong voxel there is a ridge that no neighbour contradicts. A voxel is
-/// flipped where most of the 3×3 in its layer have the other label, unless it is of a thin part or the topology would change.
+/// flipped where most of the 3×3 in its layer have the other label, and most of the 3×3×2 with the next layer, unless it is of a thin
+/// part or the topology would change.
 pub(crate) fn quiet_border(mask: &Mask) -> (Mask, Vec<usize>) {
     let mut out = mask.clone();
     let mut changed = Vec::new();
@@ -58,10 +59,11 @@ pub(crate) fn quiet_border(mask: &Mask) -> (Mask, Vec<usize>) {
             let wrong = (0..mask.data.len()).filter(|&n| {
                 let v = mask.grid.voxel(n).map(|c| c as i64);
                 let reach = |r: i64, along: i64| [0, 1, 2].map(|b| if a == b { along } else { r });
-                v[a] == end && {
-                    let (own, all) = like(mask, v, reach(1, 0));
-                    2 * own < all && like(mask, v, reach(2, 2)).0 > WIDE_AT_BORDER
-                }
+                let outvoted = |along: i64| {
+                    let (own, all) = like(mask, v, reach(1, along));
+                    2 * own < all
+                };
+                v[a] == end && outvoted(0) && outvoted(1) && like(mask, v, reach(2, 2)).0 > WIDE_AT_BORDER
             });
             for n in wrong {
                 // What lies beyond the border is as what lies at it.

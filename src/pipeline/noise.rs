@@ -105,6 +105,7 @@ pub(super) fn entry(changed: &[Relabelled]) -> PassedOver {
 mod tests {
     use super::*;
     use crate::geometry::Aabb;
+    use crate::mask::Grid;
     use nalgebra::Matrix3;
 
     struct Ball;
