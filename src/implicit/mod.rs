@@ -17,6 +17,11 @@ pub trait Implicit: Sync {
     /// Value at `p`: negative inside the lumen.
     fn value(&self, p: &Point) -> f64;
 
+    /// Values at some points, as [`Implicit::value`] has them.
+    fn values(&self, points: &[Point], out: &mut [f64]) {
+        out.iter_mut().zip(points).for_each(|(v, p)| *v = self.value(p));
+    }
+
     /// Value and gradient at `p`.
     fn value_gradient(&self, p: &Point) -> (f64, Vector);
 
@@ -58,6 +63,10 @@ impl<I: Implicit + ?Sized> Implicit for &I {
         (**self).value(p)
     }
 
+    fn values(&self, points: &[Point], out: &mut [f64]) {
+        (**self).values(points, out);
+    }
+
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
         (**self).value_gradient(p)
     }
@@ -82,6 +91,10 @@ impl<I: Implicit + ?Sized> Implicit for &I {
 impl<I: Implicit + ?Sized> Implicit for Box<I> {
     fn value(&self, p: &Point) -> f64 {
         (**self).value(p)
+    }
+
+    fn values(&self, points: &[Point], out: &mut [f64]) {
+        (**self).values(points, out);
     }
 
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {

@@ -170,6 +170,10 @@ impl Implicit for SmoothImplicit {
         self.unit * spline.value(&x)
     }
 
+    fn values(&self, points: &[Point], out: &mut [f64]) {
+        pulp::Arch::new().dispatch(Values { f: self, points, out });
+    }
+
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
         let (spline, x, level) = self.at(p);
         let (v, g) = spline.value_gradient(&x);
@@ -227,6 +231,25 @@ impl Implicit for SmoothImplicit {
         let half = Matrix3::from_columns(&columns).transpose();
         let columns = [0, 1, 2].map(|a| self.grid.gradient_to_world(&half.column(a).into_owned()));
         Matrix3::from_columns(&columns) * self.unit
+    }
+}
+
+/// The value at many points; compiled for several kinds of processor.
+struct Values<'a> {
+    f: &'a SmoothImplicit,
+    points: &'a [Point],
+    out: &'a mut [f64],
+}
+
+impl pulp::WithSimd for Values<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        for (v, p) in self.out.iter_mut().zip(self.points) {
+            let (spline, x, _) = self.f.at(p);
+            *v = self.f.unit * spline.value(&x);
+        }
     }
 }
 

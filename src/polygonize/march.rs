@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use super::roots::{self, Edge};
 use super::{Lattice, PolygonizeError, PolygonizeSummary};
 use crate::geometry::Point;
 use crate::implicit::Implicit;
@@ -28,14 +29,6 @@ const TETS: [([u8; 4], bool); 6] = [
 
 /// Values nearer to zero than this part of a cell count as inside.
 const SNAP: f64 = 1e-9;
-/// No vertex comes nearer to a corner than this part of its edge.
-const CLEARANCE: f64 = 1e-3;
-/// A root is found when the function is this part of a cell away from zero.
-const ROOT: f64 = 5e-5;
-/// Of a smooth function, a step from this part of a cell on leads to the root: inverse interpolation leaves well below a
-/// hundredth of it.
-const SURE: f64 = 3e-3;
-
 struct Block {
     wanted: [bool; CELLS],
     done: [bool; CELLS],
@@ -129,70 +122,6 @@ impl Field<'_> {
         }
         found
     }
-
-    /// The root between corners `a` and `b`, first looked for at `start`, a share of the way: regula falsi, Illinois
-    /// variant, after one step of inverse quadratic interpolation, which mostly suffices.
-    ///
-    /// Where the function is `smooth` the last step from near the root is not looked at again.
-    fn root(&self, a: Point, b: Point, fa: f64, fb: f64, start: f64, smooth: bool) -> (Point, usize) {
-        let tolerance = ROOT * self.lattice.cell();
-        let ([mut lo, mut hi], [mut flo, mut fhi]) = ([0.0, 1.0], [fa, fb]);
-        let mut t = start;
-        let mut evaluations = 0;
-        let mut last = 0i8;
-        for round in 0..12 {
-            let f = self.at(&(a + (b - a) * t));
-            evaluations += 1;
-            if f.abs() <= tolerance || !f.is_finite() {
-                break;
-            }
-            if (f > 0.0) == (fhi > 0.0) {
-                (hi, fhi) = (t, f);
-                if last == 1 {
-                    flo *= 0.5;
-                }
-                last = 1;
-            } else {
-                (lo, flo) = (t, f);
-                if last == -1 {
-                    fhi *= 0.5;
-                }
-                last = -1;
-            }
-            let width = hi - lo;
-            let mut s = lo + width * (flo / (flo - fhi));
-            if round == 0 {
-                let [x, y, z] = [(0.0, fa), (1.0, fb), (t, f)];
-                let term = |p: (f64, f64), q: (f64, f64), r: (f64, f64)| p.0 * (q.1 * r.1) / ((p.1 - q.1) * (p.1 - r.1));
-                s = term(x, y, z) + term(y, x, z) + term(z, x, y);
-            }
-            // A jump of the function leaves a sliver that falsi cannot shrink: bisect then.
-            t = if s > lo && s < hi { s } else { lo + 0.5 * width };
-            if width < 1e-6 || smooth && f.abs() < SURE * self.lattice.cell() {
-                break;
-            }
-        }
-        (a + (b - a) * t.clamp(CLEARANCE, 1.0 - CLEARANCE), evaluations)
-    }
-}
-
-/// Where the function has its zero between 0, where it is `fa`, and 1, where it is `fb`: of the polynomial through these
-/// and what is known (a number) of its values at −1 and 2.
-fn guess(fa: f64, fb: f64, before: f64, behind: f64) -> f64 {
-    let linear = fa / (fa - fb);
-    let bends = match (before - 2.0 * fa + fb, fa - 2.0 * fb + behind) {
-        (a, b) if a.is_finite() && b.is_finite() => [a, b],
-        (a, _) if a.is_finite() => [a, a],
-        (_, b) if b.is_finite() => [b, b],
-        _ => return linear,
-    };
-    // fa + t (fb − fa) + t (t − 1)/2 · bend(t), bend linear between −1 and 2: a fixed point of the first two terms.
-    let mut t = linear;
-    for _ in 0..4 {
-        let bend = (bends[0] * (2.0 - t) + bends[1] * (1.0 + t)) / 3.0;
-        t = linear + 0.5 * t * (t - 1.0) * bend / (fa - fb);
-    }
-    if t > 0.0 && t < 1.0 { t } else { linear }
 }
 
 /// The blocks, as they were first met, and their order in space.
@@ -383,17 +312,18 @@ fn join(field: &Field, blocks: Blocks) -> Result<(TriMesh, PolygonizeSummary), P
 /// The vertices on the seven edges that start at the lowest corner of each cell.
 fn place(field: &Field, key: &[i32; 3], block: &mut Block) {
     block.first = vec![(0, 0); CELLS];
-    for cell in (0..CELLS).filter(|&c| block.done[c]).collect::<Vec<_>>() {
-        block.first[cell].0 = block.points.len() as u16;
+    let mut edges = Vec::new();
+    for cell in (0..CELLS).filter(|&c| block.done[c]) {
+        block.first[cell].0 = edges.len() as u16;
         if block.inside[cell] == 0 || block.inside[cell] == u8::MAX {
             continue;
         }
         let v = block.corner_values(cell);
-        let low = global(key, cell);
         let at = local(cell);
+        let low = global(key, cell);
+        let corner = field.lattice.corner(low);
         for c in (1..8).filter(|&c| (v[0] < 0.0) != (v[c] < 0.0)) {
             let step = [c & 1, c >> 1 & 1, c >> 2];
-            let high = [0, 1, 2].map(|a| low[a] + step[a] as i32);
             // The value some steps along the edge's line, where the block surely has it: which corners of others are known
             // depends on where the march began.
             let along = |n: i64| {
@@ -401,13 +331,17 @@ fn place(field: &Field, key: &[i32; 3], block: &mut Block) {
                 let inside = block.sampled && at.iter().all(|x| (0..=SIDE as i64).contains(x));
                 if inside { block.values[corner_slot(at[0] as usize, at[1] as usize, at[2] as usize)] } else { f64::NAN }
             };
-            let start = guess(v[0], v[c], along(-1), along(2));
-            let (p, n) = field.root(field.lattice.corner(low), field.lattice.corner(high), v[0], v[c], start, block.sampled);
+            let high = field.lattice.corner([0, 1, 2].map(|a| low[a] + step[a] as i32));
+            edges.push(Edge::new([corner, high], [v[0], v[c]], [along(-1), along(2)]));
             block.first[cell].1 |= 1 << c;
-            block.evaluations += n;
-            block.points.push(p);
         }
     }
+    let values = |points: &[Point], out: &mut [f64]| {
+        field.implicit.values(points, out);
+        out.iter_mut().for_each(|v| *v -= field.level);
+    };
+    block.evaluations += roots::find(&mut edges, field.lattice.cell(), block.sampled, values);
+    block.points = edges.iter().map(Edge::root).collect();
 }
 
 /// The vertices that belong to a block: number of its first one and, per cell, of the cell's first and the mask of edges.

@@ -12,6 +12,7 @@
 
 mod lattice;
 mod march;
+mod roots;
 
 use serde::Serialize;
 

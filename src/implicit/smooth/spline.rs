@@ -47,7 +47,7 @@ pub(super) fn tiles_of(tiles: usize, first: i32, last: i32) -> std::ops::RangeIn
     tile(first - 2)..=tile(last + 1)
 }
 
-#[inline]
+#[inline(always)]
 pub(super) fn weights(t: f64) -> [f64; 4] {
     let (t2, s) = (t * t, 1.0 - t);
     let t3 = t2 * t;
@@ -104,6 +104,7 @@ impl TiledSpline {
     }
 
     /// Value at node coordinates `x`.
+    #[inline(always)]
     pub fn value(&self, x: &Vector) -> f64 {
         let (c, t) = match self.locate(x) {
             Ok(found) => found,
