@@ -108,7 +108,8 @@ pub(super) fn optimise_until(mesh: &mut VolumeMesh, options: &OptimiseOptions, s
     let work = 1.0 - options.work_above;
     let insert = 1.0 - options.insert_above;
     // Flips first: smoothing is held up by flat tetrahedra.
-    exchange(&mut c, &mut Effort::new(work, None, false), &mut s);
+    let mut effort = Effort::new(work, None, false);
+    exchange(&mut c, &mut effort, &mut s);
     for half in 0..2 {
         let mut sweeps = smooth::Sweeps::new(&c);
         for _ in 0..options.smoothing_rounds.div_ceil(1 + half) {
@@ -118,7 +119,7 @@ pub(super) fn optimise_until(mesh: &mut VolumeMesh, options: &OptimiseOptions, s
             s.smoothed += sweeps.round(&mut c);
         }
         c.rescore();
-        let mut effort = Effort::new(work, (half > 0).then_some(insert), true);
+        effort = Effort::new(work, (half > 0).then_some(insert), true);
         for _ in 0..options.passes.div_ceil(2) {
             s.passes += 1;
             if stop() || exchange(&mut c, &mut effort, &mut s) == 0 {
@@ -133,8 +134,9 @@ pub(super) fn optimise_until(mesh: &mut VolumeMesh, options: &OptimiseOptions, s
         if stop() {
             break;
         }
-        let done = wedges(&mut c, &mut s);
-        let mut effort = Effort::new(insert, Some(insert), true);
+        let (found, done) = wedges(&mut c, &mut s);
+        // Where there are no wedges, what was tried in vain by the passes before fails again.
+        effort = if found > 0 { Effort::new(insert, Some(insert), true) } else { Effort { goal: insert, ..effort } };
         for _ in 0..3 {
             exchange(&mut c, &mut effort, &mut s);
         }
@@ -146,7 +148,9 @@ pub(super) fn optimise_until(mesh: &mut VolumeMesh, options: &OptimiseOptions, s
         if stop() {
             break;
         }
-        restart::restart(&mut c, 1.0 - options.restart_above, round, &mut s);
+        // Each round takes twice as long: from the third on they are for what is worse.
+        let above = options.restart_above + if round < 2 { 0.0 } else { RELIEF };
+        restart::restart(&mut c, 1.0 - above, round, &mut s);
     }
     s.after = measure(&c);
     (mesh.points, mesh.tets) = c.finish();
@@ -271,10 +275,15 @@ fn exchange(c: &mut Complex, effort: &mut Effort, s: &mut OptimiseSummary) -> us
     done
 }
 
-/// Works on the tetrahedra with two faces on the surface alone; of all ways out the best counts. Gives how many went.
-fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> usize {
+/// By how much more skewed a tetrahedron must be for a third round of restarts.
+const RELIEF: f64 = 0.03;
+
+/// Works on the tetrahedra with two faces on the surface alone; of all ways out the best counts. Gives how many there
+/// were and how many went.
+fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> (usize, usize) {
     let found: Vec<u32> = (0..c.tets.len() as u32).into_par_iter().filter(|&t| c.alive(t) && c.is_wedge(c.tets[t as usize])).collect();
     let mut done = 0;
+    let count = found.len();
     for t in found {
         for floor in [0.45, 0.35, 0.25, 0.15, 0.05, 0.0] {
             if !c.alive(t) || !c.is_wedge(c.tets[t as usize]) {
@@ -286,7 +295,7 @@ fn wedges(c: &mut Complex, s: &mut OptimiseSummary) -> usize {
             }
         }
     }
-    done
+    (count, done)
 }
 
 /// Edge removal and 2-3 flips with a worst score above `floor`; the first success counts.

@@ -130,7 +130,7 @@ fn work(p: Piece, goal: f64, round: u32) -> Option<Piece> {
 
 fn improve(c: &mut Complex, goal: f64) {
     let mut s = OptimiseSummary::default();
-    let mut effort = Effort::new((goal + 0.2).min(0.6), Some((goal + 0.05).min(0.5)), true);
+    let mut effort = Effort::new((goal + 0.1).min(0.6), Some((goal + 0.05).min(0.5)), true);
     for round in 0..6 {
         if exchange(c, &mut effort, &mut s) == 0 {
             break;
