@@ -87,3 +87,40 @@ pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mu
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mask::{crop_pad, interface};
+    use crate::{mask, phantom};
+
+    #[test]
+    fn the_strict_refit_of_a_noisy_mask_keeps_labels_that_the_first_gave_up_and_a_clean_mask_has_none() {
+        let p = phantom::build("kissing").expect("a phantom");
+        let exact = p.voxelize(p.spacing, [0.0; 3], nalgebra::Matrix3::identity());
+        let mut noisy = exact.clone();
+        let mut state = 7u64;
+        for (v, _) in interface(&exact) {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            let [i, j, k] = v.map(i64::from);
+            if let Some(n) = exact.grid.linear(i, j, k).filter(|_| (state >> 33) % 12 == 0) {
+                noisy.data[n] ^= 1;
+            }
+        }
+        let (noisy, _) = mask::clean(&noisy, &Default::default()).expect("a mask");
+        let (clean, noisy) = (crop_pad(&exact, 4, 4), crop_pad(&noisy, 4, 4));
+        let case: Case = serde_saphyr::from_str("input: {mask: none.nrrd}").expect("a case");
+        let mut report = Report::default();
+        assert!(strictly(&case, &Source::Mask, &clean, &mut report).expect("a fit").is_none());
+        let first = reconstruct(&case, &Source::Mask, &noisy, &mut report).expect("a wall");
+        assert!(first.noisy);
+        let strict = strictly(&case, &Source::Mask, &noisy, &mut report).expect("a fit").expect("another wall");
+        let kept = |f: &dyn Implicit, v: &[i32; 3]| {
+            let at = noisy.grid.to_world(crate::geometry::Vector::from(v.map(f64::from)));
+            (f.value(&at) < 0.0) == noisy.at(v[0].into(), v[1].into(), v[2].into())
+        };
+        let given_up: Vec<[i32; 3]> = interface(&noisy).into_iter().map(|n| n.0).filter(|v| !kept(first.implicit.as_ref(), v)).collect();
+        let regained = given_up.iter().filter(|v| kept(strict.as_ref(), v)).count();
+        assert!(given_up.len() > 100 && regained > 10, "{regained} of {}", given_up.len());
+    }
+}
