@@ -161,17 +161,52 @@ fn in_block_of_eight(grid: &Grid, depth: &[f32], v: [i64; 3]) -> bool {
     })
 }
 
-/// An implicit function held within the band round the mask's boundary.
+/// An implicit function held within the band round the mask's boundary, everywhere or in some voxels.
 #[derive(Debug, Clone)]
 pub struct Guarded<I> {
     inner: I,
     boundary: MaskBoundary,
+    /// Voxels of the array grown by one in which the guard acts, a bit each; all of them where there are none.
+    only: Vec<u64>,
 }
 
 impl<I: Implicit> Guarded<I> {
     /// Guards `inner` by the boundary of the mask it was made from.
     pub fn new(inner: I, boundary: MaskBoundary) -> Guarded<I> {
-        Guarded { inner, boundary }
+        Guarded { inner, boundary, only: Vec::new() }
+    }
+
+    /// Lets the guard act in these voxels of the mask alone. Where the function without the guard has another zero set
+    /// than with it, either all voxels of that place are to be among them or none.
+    #[must_use]
+    pub fn only_in<'a>(mut self, voxels: impl IntoIterator<Item = &'a [i64; 3]>) -> Guarded<I> {
+        let grid = &self.boundary.grid;
+        self.only = vec![0; grid.len() / 64 + 1];
+        for [i, j, k] in voxels {
+            if let Some(n) = grid.linear(i + 1, j + 1, k + 1) {
+                self.only[n / 64] |= 1 << (n % 64);
+            }
+        }
+        self
+    }
+
+    /// Lets the guard act everywhere.
+    #[must_use]
+    pub fn everywhere(self) -> Guarded<I> {
+        Guarded { only: Vec::new(), ..self }
+    }
+
+    /// The function without the guard.
+    pub fn into_inner(self) -> I {
+        self.inner
+    }
+
+    fn acts(&self, p: &Point) -> bool {
+        let grid = &self.boundary.grid;
+        self.only.is_empty() || {
+            let [i, j, k] = grid.to_index(p).map(|x| x.round() as i64).into();
+            grid.linear(i, j, k).is_some_and(|n| self.only[n / 64] >> (n % 64) & 1 == 1)
+        }
     }
 
     /// The function without the guard.
@@ -193,6 +228,9 @@ impl<I: Implicit> Guarded<I> {
 
     /// Whether the guard replaces the function at `p`.
     pub fn intervenes(&self, p: &Point) -> bool {
+        if !self.acts(p) {
+            return false;
+        }
         let (d, _, tau) = self.limits(p);
         let f = self.inner.value(p);
         !(f >= d - tau && f <= d + tau)
@@ -201,6 +239,9 @@ impl<I: Implicit> Guarded<I> {
 
 impl<I: Implicit> Implicit for Guarded<I> {
     fn value(&self, p: &Point) -> f64 {
+        if !self.acts(p) {
+            return self.inner.value(p);
+        }
         let (d, _, tau) = self.limits(p);
         if d.abs() >= self.boundary.widest + tau {
             return d;
@@ -210,6 +251,9 @@ impl<I: Implicit> Implicit for Guarded<I> {
     }
 
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        if !self.acts(p) {
+            return self.inner.value_gradient(p);
+        }
         let (d, g, tau) = self.limits(p);
         if d.abs() >= self.boundary.widest + tau {
             return (d, g);

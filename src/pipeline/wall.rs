@@ -13,6 +13,9 @@ use crate::report::Report;
 /// nearer than a cell are one where no corner of the lattice lies between them.
 const FINER: [f64; 2] = [0.7, 0.5];
 
+/// Voxels round what the guard changes that it acts in too; the second where the first leave another topology.
+const ROOM: [i64; 2] = [1, 3];
+
 /// A component's wall and its polygons.
 pub(super) struct Polygonized {
     pub implicit: Box<dyn Implicit>,
@@ -49,21 +52,38 @@ pub(super) fn polygonized(case: &Case, source: &Source, clock: &mut Clock, repor
         (polygons, summary) = clock.run("polygonize", || polygonize::polygonize(implicit.as_ref(), mask, &options), described)?;
     }
     // The guard costs smoothness where it acts: it is taken where the fit alone has another topology than the mask, and
-    // drawn narrower where its band still lets sheets meet.
-    let mut guards = GuardOptions::default().narrower();
+    // drawn narrower where its band still lets sheets meet. It stays where it mends the topology alone.
+    let mut guards = GuardOptions::default().narrower().peekable();
     if options::guarded(case, source) {
         guards.next();
     }
-    for guard in guards {
-        if as_wanted(&polygons) {
-            break;
-        }
+    let alone = if as_wanted(&polygons) { TriMesh::default() } else { polygons.clone() };
+    while let Some(guard) = guards.next_if(|_| !as_wanted(&polygons)) {
         context.progress.explain(&format!("{}: it is held within {:.2} voxel diagonals of the mask's boundary", unlike(&polygons), guard.band));
         let boundary = MaskBoundary::new(mask, &guard).ok_or(Error::EmptyComponent)?;
-        implicit = Box::new(Guarded::new(implicit, boundary));
-        (polygons, summary) = clock.run("polygonize", || polygonize::polygonize(implicit.as_ref(), mask, &options), described)?;
+        let mut guarded = Guarded::new(implicit, boundary);
+        (polygons, summary) = clock.run("polygonize", || polygonize::polygonize(&guarded, mask, &options), described)?;
         report.put_in("reconstruction", "guarded", &true);
         report.put_in("reconstruction", "guard", &guard);
+        if !as_wanted(&polygons) {
+            // A narrower one is laid on the fit itself.
+            implicit = if guards.peek().is_some() { guarded.into_inner() } else { Box::new(guarded) };
+            continue;
+        }
+        for grow in ROOM {
+            let places = polygonize::differences(&alone, &polygons, &mask.grid, grow);
+            let (mending, idle): (Vec<_>, Vec<_>) = places.into_iter().partition(|d| d.euler != 0);
+            guarded = guarded.only_in(mending.iter().flat_map(|d| &d.voxels));
+            let local = clock.run("polygonize", || polygonize::polygonize(&guarded, mask, &options), described)?;
+            if as_wanted(&local.0) {
+                context.progress.explain(&format!("it is held there in {} places alone; in {} others the fit is as good without", mending.len(), idle.len()));
+                report.put_in("reconstruction", "guarded_places", &mending.len());
+                (polygons, summary) = local;
+                break;
+            }
+            guarded = guarded.everywhere();
+        }
+        implicit = Box::new(guarded);
     }
     for factor in FINER {
         if as_wanted(&polygons) {

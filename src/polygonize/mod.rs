@@ -10,6 +10,7 @@
 //! original started on every component that meets a boundary voxel. Work and memory go with the area of the
 //! wall, not with the volume of the image.
 
+mod differences;
 mod lattice;
 mod march;
 mod roots;
@@ -21,6 +22,7 @@ use crate::implicit::Implicit;
 use crate::mask::Mask;
 use crate::mesh::TriMesh;
 
+pub use differences::{Difference, differences};
 pub use lattice::Lattice;
 
 /// How finely to sample the surface, and at which level.
