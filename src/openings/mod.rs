@@ -95,6 +95,17 @@ pub enum Error {
         /// Its centre.
         at: Point,
     },
+    /// The cut of an end that was found would take off more than that end.
+    #[error(
+        "opening `{name}`: the cut at ({:.3}, {:.3}, {:.3}) would take off another opening, or most of the vessel: give the plane of this end, its normal out of the vessel",
+        at.x, at.y, at.z
+    )]
+    TakesOff {
+        /// Name of the opening.
+        name: String,
+        /// Its centre.
+        at: Point,
+    },
     /// The section is no simple polygon.
     #[error("opening `{name}`: the section at ({:.3}, {:.3}, {:.3}) is not one simple loop: shift the plane along the vessel by about a radius", at.x, at.y, at.z)]
     NotSimple {
@@ -109,7 +120,7 @@ impl Error {
     /// Name of the opening that cannot be made.
     pub fn opening(&self) -> &str {
         match self {
-            Error::Misses { name, .. } | Error::Ring { name, .. } | Error::NothingLeft { name, .. } | Error::NotSimple { name, .. } => name,
+            Error::Misses { name, .. } | Error::Ring { name, .. } | Error::NothingLeft { name, .. } | Error::TakesOff { name, .. } | Error::NotSimple { name, .. } => name,
         }
     }
 }

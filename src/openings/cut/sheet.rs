@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::{Error, Opening, cap};
+use super::super::{Error, FoundBy, Opening, cap};
 use crate::geometry::{Plane, Point, Vector};
 use crate::mesh::{Patch, PatchId, TriMesh, WALL};
 use crate::remesh::{SizeField, Supports};
@@ -154,6 +154,12 @@ impl Sheet {
         if side.len() >= self.fans.iter().filter(|f| !f.is_empty()).count() {
             let o = sections[0].opening;
             return Err(Error::NothingLeft { name: o.name.clone(), at: o.plane.origin });
+        }
+
+        if let [s] = sections
+            && self.takes_off(s.opening, &side)
+        {
+            return Err(Error::TakesOff { name: s.opening.name.clone(), at: s.plane().origin });
         }
 
         // Divide the crossed edges.
@@ -318,6 +324,27 @@ impl Sheet {
             }
         }
         Ok(own.into_iter().collect())
+    }
+
+    /// Whether the cut of an end that was found, behind which only a tip can lie, takes off an opening that was cut
+    /// before, or more than half of what is left. A given plane cuts off what the user wants.
+    fn takes_off(&self, o: &Opening, side: &BTreeMap<u32, Side>) -> bool {
+        if o.found_by != FoundBy::BluntEnd {
+            return false;
+        }
+        let beyond: Vec<u32> = side.iter().filter(|(_, s)| **s == Side::Beyond).map(|(v, _)| *v).collect();
+        if 2 * beyond.len() > self.fans.iter().filter(|f| !f.is_empty()).count() {
+            return true;
+        }
+        let on_caps = |t: usize| ![WALL, o.id].contains(&self.patch[t]);
+        let touched: BTreeSet<PatchId> =
+            beyond.iter().flat_map(|&v| &self.fans[v as usize]).filter(|&&t| on_caps(t as usize)).map(|&t| self.patch[t as usize]).collect();
+        // Two caps may share a corner: what counts is that nothing would be left of one.
+        let left = |id: &PatchId| {
+            let own = (0..self.triangles.len()).filter(|&t| !self.gone[t] && self.patch[t] == *id);
+            own.into_iter().any(|t| self.triangles[t].iter().any(|v| !side.contains_key(v)))
+        };
+        !touched.iter().all(left)
     }
 
     /// Sides of the vertices that do not stay: those beyond the loops and those in the planes.

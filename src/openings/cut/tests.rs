@@ -90,6 +90,29 @@ fn an_end_that_cannot_be_cut_leaves_the_others_cut() {
 }
 
 #[test]
+fn a_found_end_takes_off_no_other_opening_and_not_most_of_the_vessel() {
+    let (f, mesh) = tube();
+    let options = CutOptions::default();
+    let first = opening(2, "inlet", [0.0, 0.0, 5.0], [0.0, 0.0, 1.0]);
+    let found = |z: f64| Opening { found_by: FoundBy::BluntEnd, ..opening(3, "outlet_1", [0.0, 0.0, z], [0.0, 0.0, 1.0]) };
+    for (ends, wrong) in [(vec![first.clone(), found(4.0)], "another opening"), (vec![found(-3.0)], "most of it")] {
+        let mut cutter = Cutter::new(&mesh, &f, &Uniform(0.6), &options);
+        let mut asked = Vec::new();
+        cut_each(&mut cutter, &ends, |_, e| {
+            asked.push(e);
+            Ok::<_, Error>(None)
+        })
+        .expect("cut");
+        assert!(matches!(&asked[..], [Error::TakesOff { .. }]), "{wrong}: {asked:?}");
+        assert_eq!(cutter.openings().len(), ends.len() - 1);
+    }
+    // A given plane is what the user wants.
+    let mut cutter = Cutter::new(&mesh, &f, &Uniform(0.6), &options);
+    let given = opening(3, "outlet_1", [0.0, 0.0, -3.0], [0.0, 0.0, 1.0]);
+    cutter.open(&[given]).expect("cut");
+}
+
+#[test]
 fn another_plane_may_be_tried_in_the_place_of_one_that_misses() {
     let (f, mesh) = tube();
     let options = CutOptions::default();
