@@ -115,7 +115,7 @@ fn work(p: Piece, goal: f64, round: u32) -> Option<Piece> {
         // The first round begins where things stand.
         let by = if first + trial == 0 { 0.0 } else { 0.1 * f64::from(1 + trial % 5) };
         shake(&mut c, by, first + trial);
-        improve(&mut c, goal);
+        improve(&mut c, goal, if round < 2 { 0.1 } else { 0.2 });
         let d = deficits(&c, goal);
         if above(&d, best.as_ref().map_or(&before, |b| &b.0)) {
             let met = d.is_empty();
@@ -128,9 +128,10 @@ fn work(p: Piece, goal: f64, round: u32) -> Option<Piece> {
     best.map(|(_, complex)| Piece { complex, ..p })
 }
 
-fn improve(c: &mut Complex, goal: f64) {
+/// Works on what is within `wider` of the goal too: more gets out of the way of the worst, at twice the cost.
+fn improve(c: &mut Complex, goal: f64, wider: f64) {
     let mut s = OptimiseSummary::default();
-    let mut effort = Effort::new((goal + 0.1).min(0.6), Some((goal + 0.05).min(0.5)), true);
+    let mut effort = Effort::new((goal + wider).min(0.6), Some((goal + 0.05).min(0.5)), true);
     for round in 0..6 {
         if exchange(c, &mut effort, &mut s) == 0 {
             break;
