@@ -138,7 +138,8 @@ impl<'a> Cutter<'a> {
     }
 
     /// Remeshes and repairs rims and caps. The result is closed; each cap lies in its plane to rounding and has its
-    /// opening's patch id. No triangle of the wall has two edges on rims.
+    /// opening's patch id. No triangle of the wall has two edges on rims,
+    /// unless it is folded back on its neighbour.
     pub fn finish(self) -> (TriMesh, Vec<OpeningMeasure>, CutSummary) {
         let openings = self.openings();
         let Cutter { sheet, supports, size, options, mut summary, .. } = self;

@@ -128,7 +128,7 @@ fn work(p: Piece, goal: f64, round: u32) -> Option<Piece> {
     best.map(|(_, complex)| Piece { complex, ..p })
 }
 
-/// Works on what is within `wider` of the goal too: more gets out of the way of the worst, at twice the cost.
+/// Works on what is within `wider` of the goal too: more gets out of the way of the worst, and costs more.
 fn improve(c: &mut Complex, goal: f64, wider: f64) {
     let mut s = OptimiseSummary::default();
     let mut effort = Effort::new((goal + wider).min(0.6), Some((goal + 0.05).min(0.5)), true);
