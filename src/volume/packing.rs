@@ -119,6 +119,16 @@ impl Levels {
     }
 }
 
+/// A point whose neighbours are to be proposed.
+struct Packed {
+    at: Point,
+    size: f64,
+    /// A shorter step does not leave the surface.
+    free: f64,
+    /// A point of the wall near it.
+    wall: Point,
+}
+
 fn cell(origin: &Point, p: &Point, edge: f64) -> [i64; 3] {
     [0, 1, 2].map(|i| ((p[i] - origin[i]) / edge).floor() as i64)
 }
@@ -169,8 +179,7 @@ pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> 
     let least = sizing.wall_sizes().iter().copied().fold(f64::INFINITY, f64::min) * sizing.factor().min(1.0);
     let mut levels = Levels { base: least, origin: surface.bounds().min, cells: vec![] };
     let mut points: Vec<Point> = vec![];
-    // Position, size and distance from the wall: a step shorter than that cannot leave.
-    let mut queue: VecDeque<(Point, f64, f64)> = VecDeque::new();
+    let mut queue: VecDeque<Packed> = VecDeque::new();
     let mut directions: Vec<Vector> = vec![];
     for s in 0..8 {
         let sign = |b: i32| if s >> b & 1 == 0 { 0.5 } else { -0.5 };
@@ -190,21 +199,21 @@ pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> 
         if sizing.bvh().ray(&start, &(p.1 - start), 1.0).is_none() && !levels.near(&p.1, 0.6 * h, &points) {
             levels.insert(&p.1, points.len() as u32);
             points.push(p.1);
-            queue.push_back((p.1, h, 0.4 * h));
+            queue.push_back(Packed { at: p.1, size: h, free: 0.4 * h, wall: p.0 });
         }
     }
-    let mut offer = |p: Point, guess: f64, queue: &mut VecDeque<(Point, f64, f64)>| {
+    let mut offer = |p: Point, guess: f64, wall: &Point, queue: &mut VecDeque<Packed>| {
         // Most proposals end here, before the dearer question for the wall.
         if levels.near(&p, 0.6 * APART * guess, &points) {
             return;
         }
-        let here = sizing.at(&p);
+        let here = sizing.at_near(&p, wall);
         if here.distance < WALL * here.size || levels.near(&p, APART * here.size, &points) {
             return;
         }
         levels.insert(&p, points.len() as u32);
         points.push(p);
-        queue.push_back((p, here.size, here.distance));
+        queue.push_back(Packed { at: p, size: here.size, free: here.distance, wall: here.wall });
     };
     // A seed under each triangle, used only where the points before it have not come.
     for t in 0..surface.triangles.len() {
@@ -214,15 +223,14 @@ pub fn pack(surface: &TriMesh, sizing: &Sizing<'_>, stop: &dyn Fn() -> bool) -> 
         let h = surface.triangles[t].iter().map(|&v| sizing.wall_sizes()[v as usize]).sum::<f64>() / 3.0;
         let (start, seed) = (middle - n * (0.01 * h), middle - n * (SEED * h));
         if sizing.bvh().ray(&start, &(seed - start), 1.0).is_none() {
-            offer(seed, h, &mut queue);
+            offer(seed, h, &middle, &mut queue);
         }
         let mut count = 0;
-        while let Some((p, h, wall)) = queue.pop_front() {
+        while let Some(Packed { at, size, free, wall }) = queue.pop_front() {
             for d in &directions {
-                let step = d * (LATTICE * h);
-                let q = p + step;
-                if step.norm() < wall || sizing.bvh().ray(&p, &step, 1.0).is_none() {
-                    offer(q, h, &mut queue);
+                let step = d * (LATTICE * size);
+                if step.norm() < free || sizing.bvh().ray(&at, &step, 1.0).is_none() {
+                    offer(at + step, size, &wall, &mut queue);
                 }
             }
             count += 1;

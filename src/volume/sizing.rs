@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::Error;
 use crate::geometry::{Point, Vector};
 use crate::mesh::TriMesh;
-use crate::mesh::bvh::TriangleBvh;
+use crate::mesh::bvh::{Closest, TriangleBvh};
 use crate::remesh::SizeField;
 
 /// Sizes of the interior.
@@ -82,6 +82,8 @@ pub struct Here {
     pub size: f64,
     /// Distance to the wall, mm.
     pub distance: f64,
+    /// The nearest point of the wall.
+    pub wall: Point,
 }
 
 impl<'a> Sizing<'a> {
@@ -185,13 +187,24 @@ impl<'a> Sizing<'a> {
 
     /// Size and wall distance at `p`, which should lie inside.
     pub fn at(&self, p: &Point) -> Here {
-        let Some(c) = self.bvh.closest(p) else { return Here { size: 1.0, distance: 0.0 } };
+        self.bvh.closest(p).map_or(Here { size: 1.0, distance: 0.0, wall: *p }, |c| self.over(c))
+    }
+
+    /// As [`Sizing::at`], the quicker the nearer to `p` the point `near` of the wall lies.
+    pub fn at_near(&self, p: &Point, near: &Point) -> Here {
+        // The slack keeps ties in reach of the lowest triangle, as without the bound.
+        let bound = (near - p).norm() * (1.0 + 1e-9);
+        self.bvh.closest_within(p, bound).map_or_else(|| self.at(p), |c| self.over(c))
+    }
+
+    /// What holds over the place `c` of the wall.
+    fn over(&self, c: Closest) -> Here {
         let t = self.triangles[c.triangle as usize];
         let mean = |a: &[f64]| t.iter().map(|&v| a[v as usize]).sum::<f64>() / 3.0;
         let distance = c.distance;
         let wall = mean(&self.wall);
         let size = (wall + self.growth * distance).min(mean(&self.cap).max(wall));
-        Here { size: self.scaled(size, distance / wall, self.factor), distance }
+        Here { size: self.scaled(size, distance / wall, self.factor), distance, wall: c.point }
     }
 
     /// Volume, unscaled size and depth in wall edges at sample points on lines through the surface's interior.
@@ -228,11 +241,13 @@ impl<'a> Sizing<'a> {
                     from += 1e-9 * d[along];
                 }
                 let mut out = vec![];
+                let mut last: Option<Here> = None;
                 for k in 0..na as usize {
                     let x = 1e-3 * d[along] + (k as f64 + 0.5) * d[along] / na;
                     if crossings.iter().filter(|&&c| c < x).count() % 2 == 1 {
                         let q = p + direction * x;
-                        let here = self.at(&q);
+                        let here = last.map_or_else(|| self.at(&q), |l| self.at_near(&q, &l.wall));
+                        last = Some(here);
                         out.push((cell, here.size, here.distance / fine));
                     }
                 }
@@ -250,11 +265,8 @@ pub(super) fn inscribed_radius(bvh: &TriangleBvh, p: &Point, normal: &Vector, h:
     let mut r = bvh.ray(&start, &-n, reach).map_or(0.5 * reach, |hit| 0.5 * hit.t);
     for _ in 0..8 {
         let c = p - n * r;
-        let Some(q) = bvh.closest(&c) else { break };
-        let d = (q.point - c).norm();
-        if d >= 0.98 * r {
-            break;
-        }
+        // Anything nearer than that pokes into the ball.
+        let Some(q) = bvh.closest_within(&c, 0.98 * r) else { break };
         let v = p - q.point;
         let s = n.dot(&v);
         if s <= 1e-9 * h || v.norm() < 1.5 * h {
@@ -310,10 +322,19 @@ pub(super) fn size_ratio(sizing: &Sizing<'_>, surface_points: usize, points: &[P
             }
         }
     }
-    let mut ratios: Vec<f64> = (surface_points..points.len())
-        .into_par_iter()
-        .filter(|&v| sum[v].1 > 0)
-        .map(|v| sum[v].0 / f64::from(sum[v].1) / sizing.at(&points[v]).size)
+    let inside: Vec<usize> = (surface_points..points.len()).filter(|&v| sum[v].1 > 0).collect();
+    let mut ratios: Vec<f64> = inside
+        .par_chunks(512)
+        .flat_map_iter(|some| {
+            // Points that follow each other mostly lie near each other.
+            let (mut last, sum) = (None::<Here>, &sum);
+            some.iter().map(move |&v| {
+                let p = &points[v];
+                let here = last.map_or_else(|| sizing.at(p), |l| sizing.at_near(p, &l.wall));
+                last = Some(here);
+                sum[v].0 / f64::from(sum[v].1) / here.size
+            })
+        })
         .collect();
     ratios.sort_by(f64::total_cmp);
     [0.05, 0.5, 0.95].map(|q| ratios.get((q * (ratios.len().max(1) - 1) as f64) as usize).copied().unwrap_or(1.0))

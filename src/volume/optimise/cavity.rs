@@ -1,7 +1,7 @@
 //! Exchanges that fill a cavity with a cone: contraction of an edge, insertion of a vertex. Each is proposed, not made.
 
 use super::complex::{Complex, Exchange, faces, sorted};
-use super::quality::{held_down, quality_of, shape, volume6};
+use super::quality::{angles_of, has_poor_angles, quality_of, shape, volume6};
 use crate::geometry::{Point, Vector};
 use crate::volume::search::DIRECTIONS;
 
@@ -143,7 +143,7 @@ fn best_apex(c: &Complex, shell: &[[u32; 3]], start: Point) -> (Point, f64) {
         .iter()
         .flat_map(|[a, b, d]| [(a - b).norm(), (b - d).norm(), (d - a).norm()])
         .fold(f64::INFINITY, f64::min);
-    let mut cone = Cone { bases: corners.iter().map(|[x, y, z]| Base::new([*x, *z, *y])).collect() };
+    let mut cone = Cone::new(corners.iter().map(|[x, y, z]| Base::new([*x, *z, *y])).collect());
     let value = cone.worst(&start, f64::NEG_INFINITY);
     cone.climb(start, value, shortest)
 }
@@ -182,10 +182,16 @@ impl Base {
     /// As [`Base::shape`], where [`Base::circumcentre6`] is known.
     #[inline]
     pub fn shape_of(&self, p: &Point, six: f64, v: &Vector, floor: f64) -> f64 {
-        let [x, y, z] = self.corners;
         let q = quality_of(six, v.norm_squared());
         // The angles are the dearer part.
-        if q <= floor { q } else { held_down(q, &[x, y, z, *p]) }
+        if q <= floor || !has_poor_angles(q) { q } else { q.min(self.angles(p)) }
+    }
+
+    /// The part of the shape that is for the dihedral angles, with the apex at `p`.
+    #[inline]
+    fn angles(&self, p: &Point) -> f64 {
+        let [x, y, z] = self.corners;
+        angles_of(self.normal, (z - x).cross(&(p - x)), (p - x).cross(&(y - x)))
     }
 
     /// Sum of the corners.
@@ -203,16 +209,41 @@ impl Base {
 /// Tetrahedra with a common apex that is looked for.
 pub(super) struct Cone {
     pub bases: Vec<Base>,
+    /// Scratch: which bases' angles are to be looked at.
+    angles_due: Vec<u32>,
 }
 
 impl Cone {
+    pub fn new(bases: Vec<Base>) -> Cone {
+        Cone { bases, angles_due: vec![] }
+    }
+
     /// The worst shape with the apex at `p`; where that is not above `floor`, some shape that is not.
     pub fn worst(&mut self, p: &Point, floor: f64) -> f64 {
-        let mut w = f64::INFINITY;
-        for i in 0..self.bases.len() {
-            w = w.min(self.bases[i].shape(p, floor));
+        // What refused the last place refuses the next ones too, most likely: it is asked first, and by all measures; of
+        // the others the angles, the dearer part, are asked for where nothing else refuses.
+        let Some(front) = self.bases.first() else { return f64::INFINITY };
+        let mut w = front.shape(p, floor);
+        if w <= floor {
+            return w;
+        }
+        self.angles_due.clear();
+        for i in 1..self.bases.len() {
+            let (six, v) = self.bases[i].circumcentre6(p);
+            let q = quality_of(six, v.norm_squared());
+            if q <= floor {
+                self.bases.swap(0, i);
+                return q;
+            }
+            w = w.min(q);
+            if has_poor_angles(q) {
+                self.angles_due.push(i as u32);
+            }
+        }
+        for n in 0..self.angles_due.len() {
+            let i = self.angles_due[n] as usize;
+            w = w.min(self.bases[i].angles(p));
             if w <= floor {
-                // What refuses one place refuses the next ones too, most likely: it is asked first from now on.
                 self.bases.swap(0, i);
                 break;
             }

@@ -38,7 +38,7 @@ pub struct OptimiseOptions {
 
 impl Default for OptimiseOptions {
     fn default() -> Self {
-        OptimiseOptions { smoothing_rounds: 5, work_above: 0.55, insert_above: 0.68, passes: 8, restart_above: 0.75, restarts: 3 }
+        OptimiseOptions { smoothing_rounds: 4, work_above: 0.6, insert_above: 0.75, passes: 8, restart_above: 0.75, restarts: 3 }
     }
 }
 

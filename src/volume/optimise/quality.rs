@@ -47,17 +47,28 @@ pub(super) fn shape_above(p: &[Point; 4], floor: f64) -> f64 {
 
 /// The shape of a tetrahedron with the quality `q`.
 #[inline]
-pub(super) fn held_down(q: f64, p: &[Point; 4]) -> f64 {
-    // A better tetrahedron has no such angle.
-    if q <= 0.0 || q >= 0.5 { q } else { q.min(angles(p)) }
+fn held_down(q: f64, p: &[Point; 4]) -> f64 {
+    if has_poor_angles(q) { q.min(angles(p)) } else { q }
+}
+
+/// Whether a tetrahedron with the quality `q` may be held down by its angles: a better one has none that does, and a flat
+/// one is bad enough.
+#[inline]
+pub(super) fn has_poor_angles(q: f64) -> bool {
+    q > 0.0 && q < 0.5
 }
 
 /// Sine of the dihedral angles over that of 15° (acute) and of 155° (obtuse), the least, times 0.2.
 fn angles(p: &[Point; 4]) -> f64 {
+    let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
+    angles_of(a.cross(&b), b.cross(&c), c.cross(&a))
+}
+
+/// [`angles`] from the normals, all inwards, of the three faces at one corner, each twice as long as its face is large.
+#[inline]
+pub(super) fn angles_of(x: Vector, y: Vector, z: Vector) -> f64 {
     const ACUTE: f64 = 0.2 / 0.258_819_045_102_520_74;
     const OBTUSE: f64 = 0.2 / 0.422_618_261_740_699_4;
-    let (a, b, c) = (p[1] - p[0], p[2] - p[0], p[3] - p[0]);
-    let (x, y, z) = (b.cross(&c), c.cross(&a), a.cross(&b));
     let n = [x, y, z, -(x + y + z)];
     let r = n.map(|v| 1.0 / v.norm_squared());
     let mut least = 1.0f64;

@@ -165,7 +165,7 @@ pub(super) fn relax(c: &Complex, v: u32) -> Option<Point> {
     let here = c.points[v as usize];
     let mut shortest = f64::INFINITY;
     let mut centre = Vector::zeros();
-    let mut cone = Cone { bases: Vec::with_capacity(star.len()) };
+    let mut cone = Cone::new(Vec::with_capacity(star.len()));
     bases(c, v, &mut cone.bases);
     for base in &cone.bases {
         centre += base.sum();
