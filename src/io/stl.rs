@@ -47,12 +47,10 @@ pub fn write_patch(w: &mut dyn Write, mesh: &TriMesh, patch: &Patch) -> io::Resu
 /// What the writer returns.
 pub fn write_binary(w: &mut dyn Write, mesh: &TriMesh) -> io::Result<()> {
     let vector = |v: [f64; 3]| stl_io::Vector::new(v.map(|x| x as f32));
-    let triangles: Vec<stl_io::Triangle> = (0..mesh.triangles.len())
-        .map(|t| {
-            let n = mesh.area_vector2(t);
-            let n = if n.norm() > 0.0 { n / n.norm() } else { n };
-            stl_io::Triangle { normal: vector(n.into()), vertices: mesh.corners(t).map(|p| vector(p.coords.into())) }
-        })
-        .collect();
-    stl_io::write_stl(&mut Box::new(w), triangles.iter())
+    let triangles = (0..mesh.triangles.len()).map(|t| {
+        let n = mesh.area_vector2(t);
+        let n = if n.norm() > 0.0 { n / n.norm() } else { n };
+        stl_io::Triangle { normal: vector(n.into()), vertices: mesh.corners(t).map(|p| vector(p.coords.into())) }
+    });
+    stl_io::write_stl(&mut Box::new(w), triangles)
 }

@@ -29,18 +29,18 @@ pub(crate) fn estimate(mask: &Mask, near: &[([i32; 3], u8)]) -> f64 {
             mask.at(w[0], w[1], w[2]) != here
         };
         let faces = (0..3).map(|a| usize::from(other(a, -1)) + usize::from(other(a, 1))).sum::<usize>();
-        faces >= 5 && support(mask, *voxel) > WIDE
+        faces >= 5 && support(mask, *voxel, 2) > WIDE
     });
     let odd = odd.count();
     let share = odd as f64 / (SEEN * near.len().max(1) as f64);
     if odd < LEAST || share < LEAST_SHARE { 0.0 } else { share.min(0.2) }
 }
 
-/// Voxels of the same label in the 5×5×5 round a voxel, itself among them.
-pub(crate) fn support(mask: &Mask, voxel: [i32; 3]) -> usize {
+/// Voxels of the same label within `reach` voxels of one along each axis, itself among them.
+pub(crate) fn support(mask: &Mask, voxel: [i32; 3], reach: i64) -> usize {
     let [x, y, z] = voxel.map(i64::from);
     let here = mask.at(x, y, z);
-    let span = |c: i64| c - 2..=c + 2;
+    let span = |c: i64| c - reach..=c + reach;
     let row = |j: i64, k: i64| span(x).filter(|&i| mask.at(i, j, k) == here).count();
     span(z).map(|k| span(y).map(|j| row(j, k)).sum::<usize>()).sum()
 }

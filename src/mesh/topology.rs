@@ -58,13 +58,18 @@ impl TopologyReport {
 pub fn check(mesh: &TriMesh) -> TopologyReport {
     let nv = mesh.points.len();
     let mut report = TopologyReport { triangles: mesh.triangles.len(), ..TopologyReport::default() };
-    // Corner c = 3t + i; its edge runs from corner i to the next.
-    let mut edges: Vec<(u32, u32, u32, bool)> = Vec::with_capacity(3 * mesh.triangles.len());
+    // Corner c = 3t + i; its edge runs from corner i to the next. An edge is known by any of its corners, so that four bytes a corner
+    // do: corners in the order of their edges' lower vertices, `first` where those of a vertex begin.
+    let ends = |c: u32| {
+        let tri = mesh.triangles[c as usize / 3];
+        (tri[c as usize % 3], tri[(c as usize + 1) % 3])
+    };
+    let sound = |tri: &[u32; 3]| tri[0] != tri[1] && tri[1] != tri[2] && tri[2] != tri[0] && tri.iter().all(|&v| (v as usize) < nv);
+    let mut first = vec![0u32; nv + 1];
     let mut used = vec![false; nv];
     let mut vertex_sets = DisjointSets::new(nv);
-    for (t, tri) in mesh.triangles.iter().enumerate() {
-        let [a, b, c] = *tri;
-        if a == b || b == c || c == a || tri.iter().any(|&v| v as usize >= nv) {
+    for tri in &mesh.triangles {
+        if !sound(tri) {
             report.degenerate_triangles += 1;
             continue;
         }
@@ -72,48 +77,65 @@ pub fn check(mesh: &TriMesh) -> TopologyReport {
             let (u, v) = (tri[i], tri[(i + 1) % 3]);
             used[u as usize] = true;
             vertex_sets.join(u, v);
-            edges.push((u.min(v), u.max(v), (3 * t + i) as u32, u < v));
+            first[u.min(v) as usize + 1] += 1;
         }
     }
-    edges.sort_unstable();
+    (0..nv).for_each(|v| first[v + 1] += first[v]);
+    let mut corners = vec![0u32; first[nv] as usize];
+    // Filled from behind, each vertex's end moves to its beginning.
+    for t in (0..mesh.triangles.len()).rev().filter(|&t| sound(&mesh.triangles[t])) {
+        for c in (3 * t as u32..3 * t as u32 + 3).rev() {
+            let (u, v) = ends(c);
+            let end = &mut first[u.min(v) as usize + 1];
+            *end -= 1;
+            corners[*end as usize] = c;
+        }
+    }
     let mut corner_sets = DisjointSets::new(3 * mesh.triangles.len());
-    let mut i = 0;
-    while i < edges.len() {
-        let mut j = i + 1;
-        while j < edges.len() && (edges[j].0, edges[j].1) == (edges[i].0, edges[i].1) {
-            j += 1;
-        }
-        report.edges += 1;
-        let fault = match j - i {
-            1 => {
-                report.open_edges += 1;
-                true
-            }
-            2 => {
-                let bad = edges[i].3 == edges[i + 1].3;
-                report.inconsistent_edges += usize::from(bad);
-                bad
-            }
-            _ => {
-                report.nonmanifold_edges += 1;
-                true
-            }
+    let mut begin = 0;
+    for v in 0..nv as u32 {
+        // Where the next vertex's corners begin.
+        let end = first.get(v as usize + 2).map_or(corners.len(), |&n| n as usize);
+        let of = &mut corners[begin..end];
+        begin = end;
+        let higher = |c: u32| {
+            let (u, w) = ends(c);
+            u.max(w)
         };
-        if fault && report.first_bad_edge.is_none() {
-            report.first_bad_edge = Some([edges[i].0, edges[i].1]);
-        }
-        // Triangles that share an edge lie in one fan at both of its ends.
-        for k in i + 1..j {
-            for end in [edges[i].0, edges[i].1] {
-                corner_sets.join(corner_at(mesh, edges[k - 1].2 / 3, end), corner_at(mesh, edges[k].2 / 3, end));
+        of.sort_unstable_by_key(|&c| (higher(c), c));
+        for edge in of.chunk_by(|&a, &b| higher(a) == higher(b)) {
+            report.edges += 1;
+            let fault = match *edge {
+                [_] => {
+                    report.open_edges += 1;
+                    true
+                }
+                [a, b] => {
+                    let bad = ends(a) == ends(b);
+                    report.inconsistent_edges += usize::from(bad);
+                    bad
+                }
+                _ => {
+                    report.nonmanifold_edges += 1;
+                    true
+                }
+            };
+            let both = [v, higher(edge[0])];
+            if fault && report.first_bad_edge.is_none() {
+                report.first_bad_edge = Some(both);
+            }
+            // Triangles that share an edge lie in one fan at both of its ends.
+            for pair in edge.windows(2) {
+                for end in both {
+                    corner_sets.join(corner_at(mesh, pair[0] / 3, end), corner_at(mesh, pair[1] / 3, end));
+                }
             }
         }
-        i = j;
     }
     let mut fan = vec![u32::MAX; nv];
     let mut split = vec![false; nv];
-    for &(_, _, corner, _) in &edges {
-        let v = mesh.triangles[corner as usize / 3][corner as usize % 3] as usize;
+    for &corner in &corners {
+        let v = ends(corner).0 as usize;
         let root = corner_sets.root(corner);
         if fan[v] == u32::MAX {
             fan[v] = root;

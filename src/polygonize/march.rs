@@ -256,7 +256,11 @@ fn join(field: &Field, blocks: Blocks) -> Result<(TriMesh, PolygonizeSummary), P
     let Blocks { mut list, mut index } = blocks;
     list.sort_unstable_by_key(|(key, _)| *key);
     index.values_mut().enumerate().for_each(|(n, place)| *place = n);
-    list.par_iter_mut().for_each(|(key, block)| place(field, key, block));
+    list.par_iter_mut().for_each(|(key, block)| {
+        place(field, key, block);
+        // Half of a block's memory, which the vertices of the next ones can have.
+        block.values = Vec::new();
+    });
 
     let mut base = Vec::with_capacity(list.len());
     let mut total = 0usize;
@@ -273,7 +277,7 @@ fn join(field: &Field, blocks: Blocks) -> Result<(TriMesh, PolygonizeSummary), P
         return Err(PolygonizeError::TooLarge(total));
     }
     let mut points = Vec::with_capacity(total);
-    list.iter().for_each(|(_, b)| points.extend_from_slice(&b.points));
+    list.iter_mut().for_each(|(_, b)| points.extend(std::mem::take(&mut b.points)));
     let cases = cases();
     // Triangles of a cell by its corners inside, so that every block knows its place in the list.
     let per_cell: [usize; 256] = std::array::from_fn(|inside| {

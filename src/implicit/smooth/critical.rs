@@ -11,8 +11,11 @@ use crate::mask::topology::topology_of;
 
 /// Neighbours of its own label (of 26) that a voxel needs to be given up: tips and thin sheets have fewer.
 const SUPPORT: u32 = 8;
-/// And on a noisy mask voxels of its label within two voxels (of 125): bumps of a wide part have more.
-const WIDE: usize = 20;
+/// And on a noisy mask voxels of its label within [`ROUND`] voxels (of 343): bumps of a wide part have more, a vessel of two voxels'
+/// diameter 28 at most.
+const WIDE: usize = 30;
+/// Of a bump of two or three voxels on a vessel of some ten, fewer voxels see too little of the vessel.
+const ROUND: i64 = 3;
 
 /// Of the labels at `places`, contradicted by `amount` each, those that must be kept, in the same order.
 ///
@@ -33,7 +36,7 @@ pub(super) fn critical(mask: &Mask, labels: &[Label], places: &[usize], lenientl
     };
     let thin = |l: &Label| {
         let lumen = (block(l.voxel, &BTreeSet::new()) & !(1 << 13)).count_ones();
-        (if l.sign < 0 { lumen } else { 26 - lumen }) < SUPPORT && !(leniently && support(mask, l.voxel.map(i32::from)) >= WIDE)
+        (if l.sign < 0 { lumen } else { 26 - lumen }) < SUPPORT && !(leniently && support(mask, l.voxel.map(i32::from), ROUND) >= WIDE)
     };
     let mut left: Vec<(usize, bool)> = places.iter().map(|&l| (l, thin(&labels[l]))).collect();
     // The worst contradicted first: they are the surest flips.
@@ -109,7 +112,32 @@ fn has_contact(bits: u32) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
+
     use super::*;
+    use crate::geometry::Point;
+    use crate::mask::Grid;
+
+    /// The labels of `voxels` in a mask of 24³ voxels that are kept on a noisy mask where the fit contradicts them all.
+    fn kept(lumen: impl Fn([i64; 3]) -> bool, voxels: &[[i16; 3]]) -> Vec<usize> {
+        let grid = Grid::new([24; 3], [1.0; 3], Point::origin(), Matrix3::identity()).expect("grid");
+        let data = (0..grid.len()).map(|n| u8::from(lumen(grid.voxel(n).map(|c| c as i64)))).collect();
+        let mask = Mask::new(grid, data);
+        let label = |v: &[i16; 3]| Label { voxel: *v, sign: if mask.at(v[0].into(), v[1].into(), v[2].into()) { -1 } else { 1 }, phase: 0, axes: 7 };
+        let labels: Vec<Label> = voxels.iter().map(label).collect();
+        critical(&mask, &labels, &(0..labels.len()).collect::<Vec<_>>(), true, |l| l as f32)
+    }
+
+    #[test]
+    fn on_a_noisy_mask_a_bump_of_a_wide_vessel_is_given_up_like_a_dent_and_a_twigs_tip_is_kept() {
+        let wide = |v: [i64; 3]| (v[1] - 11).pow(2) + (v[2] - 11).pow(2) <= 16;
+        // A ball of seven voxels round one at the wall, outside and inside.
+        let ball = |v: [i64; 3], y: i64| (v[0] - 12).pow(2) + (v[1] - y).pow(2) + (v[2] - 11).pow(2) <= 1;
+        assert!(kept(|v| wide(v) || ball(v, 16), &[[12, 17, 11]]).is_empty());
+        assert!(kept(|v| wide(v) && !ball(v, 15), &[[12, 14, 11]]).is_empty());
+        let twig = |v: [i64; 3]| v[0] < 14 && (11..13).contains(&v[1]) && (11..13).contains(&v[2]);
+        assert_eq!(kept(twig, &[[13, 11, 11]]), [0]);
+    }
 
     #[test]
     fn contacts_over_edges_and_corners_are_seen() {
