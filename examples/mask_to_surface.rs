@@ -108,6 +108,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         report["front"] = serde_json::json!(front_summary);
     }
     report["seconds"] = seconds.into_iter().collect::<serde_json::Map<String, serde_json::Value>>().into();
+    report["processor_seconds"] = processor.into_iter().collect::<serde_json::Map<String, serde_json::Value>>().into();
     println!("{report:#}");
     Ok(())
 }

@@ -68,7 +68,9 @@ def picture(parts, path, span, colours=DIVERGING, turn=lambda camera: camera.Ele
         table.AddRGBPoint(x, *c)
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(1)
-    window.SetSize(560 * len(parts), 560)
+    # The colour bar has a strip of its own.
+    width = 560 * len(parts) + 120
+    window.SetSize(width, 560)
     camera = None
     for n, (name, poly) in enumerate(parts):
         mapper = vtk.vtkPolyDataMapper()
@@ -84,7 +86,7 @@ def picture(parts, path, span, colours=DIVERGING, turn=lambda camera: camera.Ele
         title.SetPosition(12, 528)
         r = vtk.vtkRenderer()
         r.SetBackground(1, 1, 1)
-        r.SetViewport(n / len(parts), 0, (n + 1) / len(parts), 1)
+        r.SetViewport(560 * n / width, 0, 560 * (n + 1) / width, 1)
         r.AddActor(actor)
         r.AddViewProp(title)
         if camera is None:
@@ -95,14 +97,19 @@ def picture(parts, path, span, colours=DIVERGING, turn=lambda camera: camera.Ele
             r.ResetCamera()
         else:
             r.SetActiveCamera(camera)
-        if n + 1 == len(parts):
-            bar = vtk.vtkScalarBarActor()
-            bar.SetLookupTable(table)
-            bar.SetNumberOfLabels(5)
-            bar.GetLabelTextProperty().SetColor(0, 0, 0)
-            bar.SetWidth(0.1)
-            r.AddViewProp(bar)
         window.AddRenderer(r)
+    bar = vtk.vtkScalarBarActor()
+    bar.SetLookupTable(table)
+    bar.SetNumberOfLabels(5)
+    bar.GetLabelTextProperty().SetColor(0, 0, 0)
+    bar.SetPosition(0.05, 0.1)
+    bar.SetWidth(0.9)
+    bar.SetHeight(0.8)
+    strip = vtk.vtkRenderer()
+    strip.SetBackground(1, 1, 1)
+    strip.SetViewport(560 * len(parts) / width, 0, 1, 1)
+    strip.AddViewProp(bar)
+    window.AddRenderer(strip)
     window.Render()
     grab = vtk.vtkWindowToImageFilter()
     grab.SetInput(window)
