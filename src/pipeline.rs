@@ -86,6 +86,14 @@ pub struct Context<'a> {
     pub worker: PathBuf,
 }
 
+impl<'a> Context<'a> {
+    /// Whether the run should stop, to be asked during long work.
+    fn stop(&self) -> impl Fn() -> bool + Sync + use<'a> {
+        let cancel = self.cancel;
+        move || cancel.load(Ordering::Relaxed)
+    }
+}
+
 /// One connected component as reconstructed, before its ends are known.
 struct Draft {
     /// The component, cropped, padded at the picture's border, noise taken off.
@@ -282,7 +290,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         parts.push(part(case, clock, &mut outcome.report, draft, own, share)?);
     }
     if context.stop_after >= Stage::Surface {
-        clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, &mut outcome.report), |n| format!("{n} openings"))?;
+        clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, &mut outcome.report, &context.stop()), |n| format!("{n} openings"))?;
         creases::soften(case, &outcome.mask, &mut parts, &mut outcome.report, context);
     }
     // Before the surface is measured: where it cannot be filled well it is mended.
@@ -461,7 +469,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
     if context.stop_after >= Stage::Surface {
         let made = clock.run(
             "remesh",
-            || remeshing::triangles(case, case.surface.remesher, &part, part.size.as_ref()),
+            || remeshing::triangles(case, case.surface.remesher, &part, part.size.as_ref(), &context.stop()),
             |m| format!("{} triangles", m.mesh.triangles.len()),
         )?;
         part.surface = made.mesh;

@@ -13,7 +13,7 @@ use crate::geometry::{Point, Vector};
 use crate::implicit::Implicit;
 use crate::mesh::{PatchKind, TriMesh};
 use crate::remesh::last_resort::Rung;
-use crate::remesh::{SizeField, Supports, angle_repair, ears};
+use crate::remesh::{SizeField, Stop, Supports, angle_repair, ears};
 
 /// How openings are cut.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -139,15 +139,15 @@ impl<'a> Cutter<'a> {
 
     /// Remeshes and repairs rims and caps. The result is closed; each cap lies in its plane to rounding and has its
     /// opening's patch id. No triangle of the wall has two edges on rims,
-    /// unless it is folded back on its neighbour.
-    pub fn finish(self) -> (TriMesh, Vec<OpeningMeasure>, CutSummary) {
+    /// unless it is folded back on its neighbour. Where `stop` says so, triangles above the target may be left.
+    pub fn finish(self, stop: &Stop) -> (TriMesh, Vec<OpeningMeasure>, CutSummary) {
         let openings = self.openings();
         let Cutter { sheet, supports, size, options, mut summary, .. } = self;
         let work = sheet.into_mesh();
         if openings.is_empty() {
             return (work, Vec::new(), summary);
         }
-        let (mut work, rims, last_resort) = rims::remesh(&work, &supports, size, &options.rims, &options.repair);
+        let (mut work, rims, last_resort) = rims::remesh(&work, &supports, size, &options.rims, &options.repair, stop);
         summary.rims = rims;
         summary.last_resort = last_resort;
         summary.ears = ears::open(&mut work, &supports);
@@ -177,7 +177,7 @@ pub fn cut(
 ) -> Result<(TriMesh, Vec<OpeningMeasure>, CutSummary), Error> {
     let mut cutter = Cutter::new(mesh, wall, size, options);
     cut_each(&mut cutter, openings, |_, e| Err(e))?;
-    Ok(cutter.finish())
+    Ok(cutter.finish(&|| false))
 }
 
 /// Cuts at `openings` one by one, those on rings together at the end. `change` is asked what to do about one that

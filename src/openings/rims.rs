@@ -7,7 +7,7 @@ use crate::mesh::{TriMesh, WALL};
 use crate::remesh::angle_repair::{Badness, RepairOptions};
 use crate::remesh::cutout::{self, Cutout, Fans};
 use crate::remesh::last_resort::{Rung, Try, climb, make, score, sound};
-use crate::remesh::{Normals, SizeField, Supports};
+use crate::remesh::{Normals, SizeField, Stop, Supports};
 
 /// How rims and caps are remeshed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -47,6 +47,7 @@ pub(super) fn remesh(
     field: &dyn SizeField,
     options: &RimOptions,
     repair: &RepairOptions,
+    stop: &Stop,
 ) -> (TriMesh, Vec<RimSummary>, Vec<Rung>) {
     let caps: Vec<u32> = (0..mesh.triangles.len() as u32).filter(|&t| mesh.patch[t as usize] != WALL).collect();
     let widest = options.rings.iter().copied().max().unwrap_or(4);
@@ -60,7 +61,7 @@ pub(super) fn remesh(
     let made: Vec<(Cutout, TriMesh)> = made.into_iter().flatten().collect();
     let mesh = cutout::put_back(mesh, &made);
     // What is left above the target is remeshed by itself, wherever it lies.
-    let (mesh, last_resort) = if repair.last_resort { climb(mesh, supports, field, repair) } else { (mesh, Vec::new()) };
+    let (mesh, last_resort) = if repair.last_resort { climb(mesh, supports, field, repair, stop) } else { (mesh, Vec::new()) };
     (mesh, summaries, last_resort)
 }
 

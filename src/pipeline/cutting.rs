@@ -9,7 +9,7 @@ use crate::geometry::Point;
 use crate::mask::Mask;
 use crate::mesh::{PatchKind, TriMesh, intersect};
 use crate::openings::{self, FoundBy, Opening};
-use crate::remesh::{self, SizeField, Supports};
+use crate::remesh::{self, SizeField, Stop, Supports};
 use crate::report::Report;
 
 /// How often a found plane is moved inwards, each time by half a radius: two diameters would be another place.
@@ -18,22 +18,22 @@ const MOVES: usize = 4;
 /// Part by which the number of triangles may differ from the one wished before the surface is made once more.
 const COUNT: f64 = 0.03;
 
-/// Cuts the ends open; gives the number of openings.
-pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report) -> Result<usize, Error> {
+/// Cuts the ends open; gives the number of openings. `stop` is asked while surfaces are made.
+pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report, stop: &Stop) -> Result<usize, Error> {
     let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
     let mut measures = Vec::new();
     let mut off_implicit = 0.0f64;
     let mut retries = Vec::new();
     for (n, part) in parts.iter_mut().enumerate() {
-        let (mut mesh, mut made, mut tried) = make(case, part)?;
+        let (mut mesh, mut made, mut tried) = make(case, part, stop)?;
         // One correction where the number of triangles is off; a surface that was made otherwise keeps its own.
         let off = part.target_faces.map_or(1.0, |wanted| mesh.triangles.len() as f64 / wanted);
         if (off - 1.0).abs() > COUNT && tried.is_empty() {
             let field = std::mem::replace(&mut part.size, Box::new(remesh::Uniform(1.0)));
             part.size = Box::new(remeshing::Rescaled { field, factor: off.sqrt() });
-            part.surface = remeshing::triangles(case, case.surface.remesher, part, part.size.as_ref())?.mesh;
+            part.surface = remeshing::triangles(case, case.surface.remesher, part, part.size.as_ref(), stop)?.mesh;
             report.put_in("remeshing", "recounted", &serde_json::json!({"component": n, "faces": mesh.triangles.len(), "factor": off.sqrt()}));
-            (mesh, made, tried) = make(case, part)?;
+            (mesh, made, tried) = make(case, part, stop)?;
         }
         for note in made.notes {
             report.warn("openings", note);
@@ -83,9 +83,9 @@ pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Rep
 }
 
 /// The surface of a part with its ends open, made in other ways where it misses a hard gate.
-fn make(case: &Case, part: &Part) -> Result<(TriMesh, Opened, Vec<retry::Tried>), Error> {
-    retry::surface(&part.polygons, case.surface.max_skewness, case.surface.remesher, |attempt, places| {
-        cut_part(case, part, attempt, places)
+fn make(case: &Case, part: &Part, stop: &Stop) -> Result<(TriMesh, Opened, Vec<retry::Tried>), Error> {
+    retry::surface(&part.polygons, case.surface.max_skewness, case.surface.remesher, stop, |attempt, places| {
+        cut_part(case, part, attempt, places, stop)
     })
 }
 
@@ -115,9 +115,9 @@ struct Opened {
 }
 
 /// Cuts a component open; remeshes it before where it is another attempt than the first.
-fn cut_part(case: &Case, part: &Part, attempt: retry::Attempt, places: &[Point]) -> Result<(TriMesh, Opened), Error> {
+fn cut_part(case: &Case, part: &Part, attempt: retry::Attempt, places: &[Point], stop: &Stop) -> Result<(TriMesh, Opened), Error> {
     if attempt == retry::Attempt::FIRST {
-        return open(case, part, &part.surface, part.size.as_ref(), None);
+        return open(case, part, &part.surface, part.size.as_ref(), None, stop);
     }
     let everywhere = [part.polygons.bounds().center()];
     let near = places.iter().map(|p| part.size.size(p)).fold(0.0, f64::max);
@@ -127,11 +127,11 @@ fn cut_part(case: &Case, part: &Part, attempt: retry::Attempt, places: &[Point])
         reach: if attempt.local { 6.0 * near } else { f64::INFINITY },
         factor: attempt.factor,
     };
-    let made = remeshing::triangles(case, attempt.remesher(case.surface.remesher), part, &size)?;
-    open(case, part, &made.mesh, &size, made.front_fraction)
+    let made = remeshing::triangles(case, attempt.remesher(case.surface.remesher), part, &size, stop)?;
+    open(case, part, &made.mesh, &size, made.front_fraction, stop)
 }
 
-fn open(case: &Case, part: &Part, mesh: &TriMesh, size: &dyn SizeField, front_fraction: Option<f64>) -> Result<(TriMesh, Opened), Error> {
+fn open(case: &Case, part: &Part, mesh: &TriMesh, size: &dyn SizeField, front_fraction: Option<f64>, stop: &Stop) -> Result<(TriMesh, Opened), Error> {
     let options = options::cut(case);
     let mut cutter = openings::Cutter::new(mesh, part.implicit.as_ref(), size, &options);
     let mut notes = Vec::new();
@@ -145,7 +145,7 @@ fn open(case: &Case, part: &Part, mesh: &TriMesh, size: &dyn SizeField, front_fr
         Ok::<_, openings::Error>(other)
     })?;
     let openings = cutter.openings();
-    let (mesh, _, summary) = cutter.finish();
+    let (mesh, _, summary) = cutter.finish(stop);
     Ok((mesh, Opened { openings, summary, front_fraction, notes }))
 }
 

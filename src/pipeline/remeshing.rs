@@ -10,7 +10,7 @@ use crate::mask::Mask;
 use crate::mesh::{self, TriMesh};
 use crate::openings::Opening;
 use crate::remesh::size_field::{EdgeLength, End, GuidanceField};
-use crate::remesh::{self, SizeField, Supports};
+use crate::remesh::{self, SizeField, Stop, Supports};
 
 /// The guidance field of a component.
 pub(super) fn guidance(
@@ -67,8 +67,8 @@ pub(super) struct Remeshed {
     pub front_fraction: Option<f64>,
 }
 
-/// Remeshes the polygons of a component and repairs angles.
-pub(super) fn triangles(case: &Case, remesher: Remesher, part: &Part, size: &dyn SizeField) -> Result<Remeshed, Error> {
+/// Remeshes the polygons of a component and repairs angles, unless `stop` says so.
+pub(super) fn triangles(case: &Case, remesher: Remesher, part: &Part, size: &dyn SizeField, stop: &Stop) -> Result<Remeshed, Error> {
     let supports = Supports::new(part.implicit.as_ref());
     let polygons = &part.polygons;
     let mut made = match remesher {
@@ -87,7 +87,10 @@ pub(super) fn triangles(case: &Case, remesher: Remesher, part: &Part, size: &dyn
             return Ok(Remeshed { mesh, summaries: vec![("improve", serde_json::json!(summary))], front_fraction: None });
         }
     };
-    let (mesh, summary) = remesh::angle_repair::repair(&made.mesh, &supports, size, &options::repair(case))?;
+    let unless_stopped = || if stop() { Err(Error::Interrupted) } else { Ok(()) };
+    unless_stopped()?;
+    let (mesh, summary) = remesh::angle_repair::repair_until(&made.mesh, &supports, size, &options::repair(case), stop)?;
+    unless_stopped()?;
     made.summaries.push(("angle_repair", serde_json::json!(summary)));
     made.mesh = mesh;
     Ok(made)

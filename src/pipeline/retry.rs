@@ -10,7 +10,7 @@ use crate::config::Remesher;
 use crate::geometry::Point;
 use crate::mesh::{TriMesh, intersect, topology};
 use crate::openings;
-use crate::remesh::shape;
+use crate::remesh::{Stop, shape};
 
 /// One way of making a surface again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -109,14 +109,16 @@ pub struct Tried {
 }
 
 /// Makes a surface with `make` and again until it holds the gates or the ladder ends. `polygons` has the topology
-/// that it must have. Gives the best surface and, where the first attempt was not good, all attempts.
+/// that it must have. Gives the best surface and, where the first attempt was not good, all attempts. `stop` is asked
+/// before each of them.
 ///
 /// # Errors
-/// Where no attempt gives a surface, or two meshes in turn have no simple section in an opening's plane.
+/// Where no attempt gives a surface, two meshes in turn have no simple section in an opening's plane, or `stop` said so.
 pub fn surface<T>(
     polygons: &TriMesh,
     max_skewness: f64,
     wished: Remesher,
+    stop: &Stop,
     make: impl Fn(Attempt, &[Point]) -> Result<(TriMesh, T), super::Error>,
 ) -> Result<(TriMesh, T, Vec<Tried>), super::Error> {
     let like = topology::check(polygons);
@@ -127,6 +129,9 @@ pub fn surface<T>(
     let more = if wished == Remesher::Improve { &LADDER[..0] } else { &LADDER[..] };
     let mut places: Vec<Point> = Vec::new();
     for attempt in std::iter::once(Attempt::FIRST).chain(more.iter().copied()) {
+        if stop() {
+            return Err(super::Error::Interrupted);
+        }
         let faults = match make(attempt, &places) {
             Ok((mesh, rest)) => {
                 let faults = Faults::of(&mesh, &like, max_skewness);
@@ -184,7 +189,7 @@ mod tests {
     fn a_missed_gate_is_retried_and_reported_and_the_limit_stays() {
         let good = ball();
         let calls = std::cell::RefCell::new(Vec::new());
-        let (mesh, (), tried) = surface(&good, 0.75, Remesher::Auto, |a, places| {
+        let (mesh, (), tried) = surface(&good, 0.75, Remesher::Auto, &|| false, |a, places| {
             calls.borrow_mut().push((a, places.len()));
             Ok((if a.factor < 0.5 { ball() } else { with_a_sliver() }, ()))
         })
@@ -200,7 +205,7 @@ mod tests {
     #[test]
     fn where_nothing_helps_the_best_is_kept_and_the_ladder_ends() {
         let calls = std::cell::Cell::new(0);
-        let (mesh, (), tried) = surface(&ball(), 0.75, Remesher::Isotropic, |_, _| {
+        let (mesh, (), tried) = surface(&ball(), 0.75, Remesher::Isotropic, &|| false, |_, _| {
             calls.set(calls.get() + 1);
             Ok((with_a_sliver(), ()))
         })
@@ -210,8 +215,21 @@ mod tests {
     }
 
     #[test]
+    fn an_interrupt_ends_the_ladder_before_its_next_attempt() {
+        let calls = std::cell::Cell::new(0);
+        let stopped = std::sync::atomic::AtomicBool::new(false);
+        let made = surface(&ball(), 0.75, Remesher::Auto, &|| stopped.load(std::sync::atomic::Ordering::Relaxed), |_, _| {
+            calls.set(calls.get() + 1);
+            stopped.store(calls.get() == 2, std::sync::atomic::Ordering::Relaxed);
+            Ok((with_a_sliver(), ()))
+        });
+        assert!(matches!(made, Err(crate::pipeline::Error::Interrupted)));
+        assert_eq!(calls.get(), 2);
+    }
+
+    #[test]
     fn a_sound_surface_is_made_once() {
-        let (_, (), tried) = surface(&ball(), 0.75, Remesher::Auto, |_, _| Ok((ball(), ()))).expect("a surface");
+        let (_, (), tried) = surface(&ball(), 0.75, Remesher::Auto, &|| false, |_, _| Ok((ball(), ()))).expect("a surface");
         assert!(tried.is_empty());
     }
 }

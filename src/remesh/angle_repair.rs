@@ -18,7 +18,7 @@ use super::shape::{cosine_of_skewness, skewness_of_cosine};
 use super::surface::{Kind, Surface};
 use super::even::even_out;
 use super::last_resort::{self, Rung};
-use super::{Error, Normals, SizeField, Supports};
+use super::{Error, Normals, SizeField, Stop, Supports};
 use crate::geometry::Point;
 use crate::mesh::{PatchId, TriMesh};
 
@@ -132,6 +132,20 @@ pub fn repair(
     field: &dyn SizeField,
     options: &RepairOptions,
 ) -> Result<(TriMesh, Summary), Error> {
+    repair_until(mesh, supports, field, options, &|| false)
+}
+
+/// As [`repair`]; what is left for the last resort stays as it is from when on `stop` says so.
+///
+/// # Errors
+/// As [`repair`].
+pub fn repair_until(
+    mesh: &TriMesh,
+    supports: &Supports,
+    field: &dyn SizeField,
+    options: &RepairOptions,
+    stop: &Stop,
+) -> Result<(TriMesh, Summary), Error> {
     let mut s = super::take_over(mesh, supports, field, options.region.as_deref(), &options.features)?;
     if options.normals == Normals::Averaged {
         s.average_normals();
@@ -140,7 +154,7 @@ pub fn repair(
     if summary.above_target == 0 || !options.last_resort || options.region.is_some() || !options.features.is_empty() {
         return Ok((mesh, summary));
     }
-    let (mesh, rungs) = last_resort::climb(mesh, supports, field, options);
+    let (mesh, rungs) = last_resort::climb(mesh, supports, field, options, stop);
     if rungs.iter().any(|r| r.kept > 0) {
         let s = super::take_over(&mesh, supports, field, None, &[])?;
         measure(&s, options, &mut summary);

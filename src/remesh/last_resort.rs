@@ -13,7 +13,7 @@ use super::cutout::{self, Cutout, Fans};
 use super::isotropic::{self, IsotropicOptions};
 use super::shape::worst_cosine;
 use super::size_field::Scaled;
-use super::{Normals, SizeField, Supports, ears};
+use super::{Normals, SizeField, Stop, Supports, ears};
 use crate::geometry::Point;
 use crate::mesh::TriMesh;
 use crate::mesh::intersect::self_intersections;
@@ -64,18 +64,19 @@ const LADDER: [Try; 9] = [
     remeshed(8, 0.4, Normals::Averaged),
 ];
 
-/// Climbs the ladder until no triangle is above the target or it ends.
+/// Climbs the ladder until no triangle is above the target, it ends or `stop` says so.
 pub(crate) fn climb(
     mut mesh: TriMesh,
     supports: &Supports,
     field: &dyn SizeField,
     options: &RepairOptions,
+    stop: &Stop,
 ) -> (TriMesh, Vec<Rung>) {
     let badness = Badness::new(options.target_skewness.min(options.max_skewness));
     let mut rungs = Vec::new();
     let mut bad = above_target(&mesh, badness);
     for attempt in LADDER {
-        if bad.is_empty() {
+        if bad.is_empty() || stop() {
             break;
         }
         let fans = Fans::new(&mesh);
@@ -84,6 +85,9 @@ pub(crate) fn climb(
         let better: Vec<(Cutout, TriMesh)> = parts
             .into_par_iter()
             .filter_map(|part| {
+                if stop() {
+                    return None;
+                }
                 let inside: Vec<u32> = bad.iter().copied().filter(|t| part.binary_search(t).is_ok()).collect();
                 let centers: Vec<Point> = inside.iter().map(|&t| center(&mesh, t as usize)).collect();
                 let cutout = Cutout::new(&mesh, &fans, part);

@@ -32,6 +32,9 @@ use crate::mesh::TriMesh;
 use crate::mesh::topology::TopologyReport;
 use surface::Surface;
 
+/// Asked during long work: whether the caller wants it to end.
+pub type Stop<'a> = dyn Fn() -> bool + Sync + 'a;
+
 /// Wished edge length over space: the guidance field.
 pub trait SizeField: Sync {
     /// Wished edge length at `p`, mm; positive everywhere and Lipschitz.

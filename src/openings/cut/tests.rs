@@ -81,7 +81,7 @@ fn an_end_that_cannot_be_cut_leaves_the_others_cut() {
     })
     .expect("cut");
     assert!(matches!(&asked[..], [(name, Error::Misses { .. })] if name == "outlet_1"), "{asked:?}");
-    let (cut, measures, _) = cutter.finish();
+    let (cut, measures, _) = cutter.finish(&|| false);
     assert_eq!(measures.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["inlet", "outlet_2"]);
     assert!(check(&cut).is_closed_manifold());
     // What lies beyond the planes is gone, in equal parts.
