@@ -201,6 +201,11 @@ impl<I: Implicit> Guarded<I> {
         self.inner
     }
 
+    /// The function without the guard, and the boundary that guards it.
+    pub fn into_parts(self) -> (I, MaskBoundary) {
+        (self.inner, self.boundary)
+    }
+
     fn acts(&self, p: &Point) -> bool {
         let grid = &self.boundary.grid;
         self.only.is_empty() || {

@@ -1,6 +1,7 @@
 //! Implicit vessel surfaces: negative inside, zero on the wall, positive outside.
 
 pub mod guard;
+pub mod mended;
 pub mod mpu;
 pub mod offset;
 pub mod smooth;

@@ -15,7 +15,8 @@ pub struct Difference {
     /// Voxels round what differs, ascending by z, y, x.
     pub voxels: Vec<[i64; 3]>,
     /// By how much the second surface's Euler number is larger for what differs here. The sum over all places is the
-    /// difference of the two surfaces' Euler numbers.
+    /// difference of the two surfaces' Euler numbers where common vertices bear the same triangles in both: a hint, to be held
+    /// against the whole.
     pub euler: i64,
 }
 
