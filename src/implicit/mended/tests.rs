@@ -61,3 +61,57 @@ fn tubes_that_met_come_apart_and_nothing_else_changes() {
         assert_eq!(after.value(&p), before.value(&p), "{p}");
     }
 }
+
+#[test]
+fn gradients_and_values_on_a_lattice_are_those_of_the_value() {
+    let (_, f) = drawn(6);
+    let h = 1e-5;
+    let mut felt = 0;
+    for n in 0..200 {
+        let p = Point::new(-1.0 + 0.01 * f64::from(n), 0.3 - 0.002 * f64::from(n), -0.8 + 0.008 * f64::from(n));
+        let (c, g) = f.correction(&p).expect("a correction");
+        let value = |q: Point| f.correction(&q).map_or(0.0, |c| c.0);
+        let slope = Vector::from_fn(|a, _| (value(p + Vector::ith(a, h)) - value(p - Vector::ith(a, h))) / (2.0 * h));
+        assert!((slope - g).norm() < 1e-6, "{p}: {slope} {g}");
+        felt += usize::from(c.abs() > 0.05);
+    }
+    assert!(felt > 100, "{felt}");
+    let lattice = Mended { inner: Flat, grid: f.grid, nodes: f.nodes, coefficients: f.coefficients, blocks: f.blocks, bounds: f.bounds };
+    for origin in [-2.0, 40.0] {
+        let (origin, steps) = (Point::new(origin, -2.0, -2.0), Matrix3::from_diagonal_element(0.4));
+        let mut out = vec![0.0; 1000];
+        assert!(lattice.values_on(&origin, &steps, [1, 2, 3], 10, &mut out));
+        for (n, v) in out.iter().enumerate() {
+            let c = [1 + n % 10, 2 + n / 10 % 10, 3 + n / 100].map(|c| c as f64);
+            let p = origin + 0.4 * Vector::from(c);
+            assert!((v - lattice.value(&p)).abs() < 1e-12, "{p}");
+        }
+        assert_eq!(out.iter().any(|v| *v != 1.0), origin.x < 0.0);
+    }
+}
+
+/// 1 everywhere, on lattices too.
+struct Flat;
+
+impl Implicit for Flat {
+    fn value(&self, _: &Point) -> f64 {
+        1.0
+    }
+
+    fn value_gradient(&self, _: &Point) -> (f64, Vector) {
+        (1.0, Vector::zeros())
+    }
+
+    fn bounds(&self) -> Aabb {
+        Aabb::EMPTY
+    }
+
+    fn resolution(&self) -> f64 {
+        0.5
+    }
+
+    fn values_on(&self, _: &Point, _: &Matrix3<f64>, _: [i32; 3], _: usize, out: &mut [f64]) -> bool {
+        out.fill(1.0);
+        true
+    }
+}
