@@ -12,7 +12,7 @@ pub use marching_cubes::marching_cubes;
 pub use vessel::{LostLength, LostPart, LostReason, Narrowest, RadiusSample, Radii, lost, radii};
 
 use crate::geometry::{Plane, Point};
-use crate::mask::Mask;
+use crate::mask::{Grid, Mask};
 use crate::mesh::bvh::TriangleBvh;
 use crate::mesh::{TriMesh, WALL};
 use crate::openings::{FoundBy, Opening};
@@ -206,8 +206,9 @@ impl<'a> Reference<'a> {
 ///
 /// Distances are taken at points spread evenly by area, with the vertices added for the maxima. Towards the mask only
 /// wall triangles are asked; from the mask, caps count as surface and what lies beyond a cut is left out. Flow
-/// extensions are not part of the mask: measure before they are added. Not a Hausdorff bound: between samples the
-/// distance may be larger by up to the distance of samples.
+/// extensions are not part of the mask: measure before they are added. Beyond the centres of the picture's outermost voxels
+/// there is no mask to be true to: wall and marching cubes surface are left out there. Not a Hausdorff bound: between
+/// samples the distance may be larger by up to the distance of samples.
 ///
 /// # Errors
 /// [`FidelityError::NoWall`] where no triangle of the wall has an area.
@@ -222,10 +223,12 @@ pub fn measure(
     let wall: Vec<u32> = (0..surface.triangles.len() as u32).filter(|&t| surface.patch[t as usize] == WALL).collect();
     let all: Vec<u32> = (0..mc.triangles.len() as u32).collect();
 
+    let picture = Picture(&reference.mask.grid);
     let on_wall = spread(surface, &wall, options.samples);
     if on_wall.is_empty() {
         return Err(FidelityError::NoWall(surface.triangles.len()));
     }
+    let on_wall: Vec<Point> = on_wall.into_iter().filter(|p| picture.depth(p) >= 0.0).collect();
     let there: Vec<f64> = reference.bvh.closest_many(&on_wall).iter().map(|c| c.distance).collect();
     let deviation: Vec<f64> = reference
         .bvh
@@ -234,7 +237,11 @@ pub fn measure(
         .zip(&surface.points)
         .map(|(c, p)| {
             let outside = mc.area_vector2(c.triangle as usize).dot(&(p - c.point)) >= 0.0;
-            if outside { c.distance } else { -c.distance }
+            match picture.depth(p) {
+                depth if depth < 0.0 => 0.0,
+                _ if outside => c.distance,
+                _ => -c.distance,
+            }
         })
         .collect();
     let mut of_wall = vec![false; surface.points.len()];
@@ -243,7 +250,10 @@ pub fn measure(
     }
 
     let tree = TriangleBvh::new(surface);
-    let kept = |p: &Point| !cuts.iter().any(|c| beyond(c, p, unit, options.reach));
+    let kept = |p: &Point| {
+        let depth = picture.depth(p);
+        depth >= 0.0 && !cuts.iter().any(|c| beyond(c, p, unit, options.reach, depth))
+    };
     let on_mask = spread(mc, &all, options.samples);
     let total = on_mask.len();
     let on_mask: Vec<Point> = on_mask.into_iter().filter(kept).collect();
@@ -252,7 +262,7 @@ pub fn measure(
     let corner_distance: Vec<f64> = tree.closest_many(&corners).iter().map(|c| c.distance).collect();
 
     let mut places: Vec<(f64, Point, Direction)> = Vec::new();
-    let vertices = surface.points.iter().zip(&deviation).zip(&of_wall).filter(|x| *x.1).map(|x| (x.0.1.abs(), *x.0.0));
+    let vertices = surface.points.iter().zip(&deviation).zip(&of_wall).filter(|x| *x.1 && picture.depth(x.0.0) >= 0.0).map(|x| (x.0.1.abs(), *x.0.0));
     places.extend(on_wall.iter().zip(&there).map(|(p, d)| (*d, *p)).chain(vertices).map(|(d, p)| (d, p, Direction::ToMarchingCubes)));
     let samples = on_mask.iter().zip(&back).chain(corners.iter().zip(&corner_distance));
     places.extend(samples.map(|(p, d)| (*d, *p, Direction::FromMarchingCubes)));
@@ -293,10 +303,26 @@ pub fn to_surface(surface: &TriMesh, other: &TriMesh, options: &FidelityOptions)
     Ok(Distances::of(&d, d[d.len() - 1]))
 }
 
-/// Whether a cut took `p` away: on its far side, or within a voxel diagonal of the plane, and not far along.
-fn beyond(cut: &Cut, p: &Point, unit: f64, reach: f64) -> bool {
+/// The space between the outermost voxels' centres.
+struct Picture<'a>(&'a Grid);
+
+impl Picture<'_> {
+    /// Distance from the nearest side, mm, negative outside.
+    fn depth(&self, p: &Point) -> f64 {
+        let (i, spacing) = (self.0.to_index(p), self.0.spacing());
+        (0..3).map(|a| spacing[a] * i[a].min(self.0.dims[a] as f64 - 1.0 - i[a])).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Whether a cut took `p` away: on its far side, or within a voxel diagonal of the plane, and not far along. A vessel that the
+/// picture's side cuts at a slant tapers off beyond a square cut, over twice that way at most.
+fn beyond(cut: &Cut, p: &Point, unit: f64, reach: f64, depth: f64) -> bool {
+    let reach = if depth < SLANT * cut.radius { 2.0 * reach } else { reach };
     cut.plane.signed_distance(p) > -unit && (p - cut.plane.origin).norm() < reach * cut.radius
 }
+
+/// Radii from the picture's side within which a vessel may taper off: as wide as it is, and a little more.
+const SLANT: f64 = 2.5;
 
 /// About `n` points spread evenly over the area of some triangles; the same for the same mesh.
 ///
@@ -352,7 +378,6 @@ mod tests {
 
     use super::*;
     use crate::geometry::Vector;
-    use crate::mask::Grid;
     use crate::mesh::test_shapes::sphere;
 
     fn ball(r: f64) -> Mask {
@@ -418,6 +443,39 @@ mod tests {
         assert!(half.from_marching_cubes.mm.max < 1.0, "{}", half.from_marching_cubes.mm.max);
         assert!((half.cut_off_fraction - 0.5).abs() < 0.15);
         assert!((half.volume_ratio - 1.0).abs() < 0.03, "{}", half.volume_ratio);
+    }
+
+    #[test]
+    fn a_vessel_that_the_pictures_side_cuts_at_a_slant_is_held_to_the_mask_inside_the_picture_alone() {
+        // A tube of radius 3 that leaves the picture through x = 40 at 18°: the square cut is 30 mm before its last voxel.
+        let (dims, slant) = ([41, 40, 15], 18f64.to_radians());
+        let along = Vector::new(slant.sin(), slant.cos(), 0.0);
+        let foot = Point::new(30.0, 0.0, 7.0);
+        let grid = Grid::new(dims, [1.0; 3], Point::origin(), Matrix3::identity()).unwrap();
+        let off = |p: &Point| {
+            let d = p - foot;
+            (d - along * d.dot(&along)).norm()
+        };
+        let data = (0..grid.len()).map(|n| u8::from(off(&Point::from(Vector::from(grid.voxel(n).map(|x| x as f64)))) < 3.0)).collect();
+        let m = Mask::new(grid, data);
+        let r = Reference::new(&m).unwrap();
+        // The tube as it is, to the cut, both ends closed by fans.
+        let (u, v) = (along.cross(&Vector::z()), Vector::z());
+        let ring = |k: u32| (0..24).map(move |n| f64::from(n) * std::f64::consts::TAU / 24.0).map(move |a| foot + along * (f64::from(k) - 6.0) + (u * a.cos() + v * a.sin()) * 3.0);
+        let mut points: Vec<Point> = (0..23).flat_map(ring).collect();
+        points.extend([foot - along * 6.0, foot + along * 16.0]);
+        let wall = (0..22 * 24).flat_map(|n| {
+            let (k, m) = (24 * (n / 24) + n % 24, 24 * (n / 24) + (n + 1) % 24);
+            [[k, m, m + 24], [k, m + 24, k + 24]]
+        });
+        let caps = (0..24).flat_map(|n| [[(n + 1) % 24, n, 552], [528 + n, 528 + (n + 1) % 24, 553]]);
+        let mut s = TriMesh::new(points, wall.chain(caps).collect());
+        (22 * 48..s.triangles.len()).for_each(|t| s.patch[t] = 2);
+        let cut = Cut { plane: Plane::new(foot + along * 16.0, along).unwrap(), radius: 3.0, name: "outlet_1".into(), user: false };
+        let whole = measure(&s, &r, &[], &FidelityOptions::default()).unwrap();
+        assert!(whole.from_marching_cubes.mm.max > 15.0, "{}", whole.from_marching_cubes.mm.max);
+        let f = measure(&s, &r, &[cut], &FidelityOptions::default()).unwrap();
+        assert!(f.from_marching_cubes.mm.max < 1.7 && f.to_marching_cubes.mm.max < 1.7, "{:?} {:?}", f.from_marching_cubes.mm, f.to_marching_cubes.mm);
     }
 
     #[test]
