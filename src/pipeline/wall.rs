@@ -103,7 +103,11 @@ pub(super) fn polygonized(case: &Case, source: &Source, clock: &mut Clock, repor
         }
         report.put_in("reconstruction", "guarded", &true);
         for grow in ROOM {
-            let places = mending(&alone, &polygons, mask, grow);
+            let places: Vec<Difference> = polygonize::differences(&alone, &polygons, &mask.grid, grow).into_iter().filter(|d| d.euler != 0).collect();
+            // Without places the surface would be the one of the fit alone.
+            if places.is_empty() {
+                continue;
+            }
             guarded = guarded.only_in(places.iter().flat_map(|d| &d.voxels));
             let local = clock.run("polygonize", || polygonize::polygonize(&guarded, mask, &options), described)?;
             if as_wanted(&local.0) {
@@ -127,11 +131,6 @@ pub(super) fn polygonized(case: &Case, source: &Source, clock: &mut Clock, repor
         options = finer;
     }
     Ok(Polygonized { implicit, noisy, polygons, summary, options })
-}
-
-/// The places at which the change from `alone` to `guarded` changes the topology.
-fn mending(alone: &TriMesh, guarded: &TriMesh, mask: &Mask, grow: i64) -> Vec<Difference> {
-    polygonize::differences(alone, guarded, &mask.grid, grow).into_iter().filter(|d| d.euler != 0).collect()
 }
 
 /// Mends a wall's topology in as few voxels as it takes.
@@ -194,10 +193,12 @@ impl Mender<'_> {
 
     /// The voxels in which `f` is to be mended and by how many steps, where that brings the topology.
     fn places(&mut self, f: &dyn Implicit, alone: &TriMesh, guarded: &TriMesh) -> Result<Option<(Voxels, usize)>, Error> {
-        let voxels_of = |places: Vec<Difference>| -> Voxels { places.into_iter().flat_map(|d| d.voxels).collect() };
-        let those = voxels_of(mending(alone, guarded, self.mask, ROOM[0]));
-        let all = voxels_of(polygonize::differences(alone, guarded, &self.mask.grid, ROOM[0]));
-        for voxels in [those, all] {
+        let all = polygonize::differences(alone, guarded, &self.mask.grid, ROOM[0]);
+        let those: Vec<Difference> = all.iter().filter(|d| d.euler != 0).cloned().collect();
+        // Where no place is left out, or none is left, the second is the only one.
+        let tries = if those.is_empty() || those.len() == all.len() { vec![all] } else { vec![those, all] };
+        for places in tries {
+            let voxels: Voxels = places.into_iter().flat_map(|d| d.voxels).collect();
             if let Some(steps) = self.steps(f, &voxels)? {
                 return Ok(Some((self.fewest(f, voxels, &Vec::new(), steps)?, steps)));
             }

@@ -43,7 +43,8 @@ pub struct FidelityOptions {
     pub samples: usize,
     /// Number of worst places to report.
     pub worst: usize,
-    /// Samples of the mask beyond a cut are left out up to this many vessel radii from the plane's origin.
+    /// Samples of the mask beyond a cut are left out up to this many vessel radii from the plane's origin, near the picture's sides
+    /// up to twice as many.
     pub reach: f64,
 }
 
@@ -161,13 +162,13 @@ pub struct Fidelity {
     pub volume_ratio: f64,
     /// Volume of the mask's voxels on the kept side of all cuts, mm³.
     pub kept_mask_volume: f64,
-    /// Share of the marching cubes surface that lies beyond the cuts.
+    /// Share of the marching cubes surface that is not asked: beyond the cuts, or where the picture's sides close it.
     pub cut_off_fraction: f64,
     /// Length of a voxel's diagonal, mm.
     pub voxel_diagonal: f64,
     /// Worst places, at least three voxel diagonals apart, worst first.
     pub worst: Vec<WorstPlace>,
-    /// Signed distance of each vertex to the marching cubes surface, mm; positive outside of it.
+    /// Signed distance of each vertex to the marching cubes surface, mm; positive outside of it, 0 beyond the picture.
     #[serde(skip)]
     pub deviation: Vec<f64>,
 }

@@ -125,7 +125,7 @@ struct Packed {
     size: f64,
     /// A shorter step does not leave the surface.
     free: f64,
-    /// A point of the wall near it.
+    /// A point on the wall or beside it, not far away.
     wall: Point,
 }
 
