@@ -33,7 +33,7 @@ fn files(dir: &Path) -> Vec<(String, Vec<u8>)> {
             let name = path.strip_prefix(dir).expect("inside").display().to_string();
             if path.is_dir() {
                 open.push(path);
-            } else if !["report.json", "report.html", "lumenmesh.log", ".case-sha256"].contains(&name.as_str()) {
+            } else if !["report.json", "report.html", "lumenmesh.log", ".lumenmesh/manifest.json"].contains(&name.as_str()) {
                 all.push((name, fs::read(&path).expect("read")));
             }
         }
@@ -58,7 +58,7 @@ fn a_killed_cohort_goes_on_and_gives_what_single_runs_give() {
     // Killed once the first case is done.
     let mut child = program().args(&args).current_dir(dir).stderr(Stdio::null()).stdout(Stdio::null()).spawn().expect("starts");
     let start = Instant::now();
-    while !dir.join("cohort/sphere/.case-sha256").is_file() && start.elapsed() < Duration::from_secs(300) {
+    while !dir.join("cohort/sphere/.lumenmesh/manifest.json").is_file() && start.elapsed() < Duration::from_secs(300) {
         std::thread::sleep(Duration::from_millis(20));
     }
     child.kill().expect("killed");

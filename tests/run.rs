@@ -105,7 +105,7 @@ fn files(dir: &Path, under: &Path, out: &mut Vec<(String, Vec<u8>)>) {
     for path in entries {
         if path.is_dir() {
             files(&path, under, out);
-        } else if path.file_name().is_none_or(|n| n != "report.json" && n != "report.html" && n != "lumenmesh.log") {
+        } else if path.file_name().is_none_or(|n| n != "report.json" && n != "report.html" && n != "lumenmesh.log" && n != "manifest.json") {
             out.push((path.strip_prefix(under).expect("under").display().to_string(), fs::read(&path).expect("read")));
         }
     }

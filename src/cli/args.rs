@@ -58,6 +58,9 @@ pub enum Command {
         /// Folder for the pages of all subcommands: lumenmesh.1, lumenmesh-run.1, …
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
+        /// Replace pages that are there and differ.
+        #[arg(long, requires = "output")]
+        force: bool,
     },
 }
 
@@ -78,6 +81,9 @@ pub struct Common {
     /// Stop after a stage and write what there is.
     #[arg(long, value_enum, value_name = "STAGE", help_heading = "Case")]
     pub stop_after: Option<StageArg>,
+    /// Move what is in the output folder aside, to DIR.1 or the next free number, whatever it is; nothing is removed.
+    #[arg(long, help_heading = "Running")]
+    pub keep: bool,
     /// Threads; the files are the same for any number. Default: all cores.
     #[arg(long, value_name = "N", help_heading = "Running")]
     pub threads: Option<usize>,
@@ -122,7 +128,8 @@ impl From<StageArg> for Stage {
 pub struct RunArgs {
     /// Case file (YAML).
     pub case: PathBuf,
-    /// Folder for the results; replaced as a whole when the run is done. Default: the case file's name.
+    /// Folder for the results. Earlier results are replaced when the run is done, where nobody changed or added anything.
+    /// Default: the case file's name.
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Shared options.
@@ -136,7 +143,7 @@ pub struct RunArgs {
 pub struct MeshArgs {
     /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or closed surface (.stl, .vtp, .ply).
     pub input: PathBuf,
-    /// Folder for the results; replaced as a whole when the run is done.
+    /// Folder for the results. Earlier results are replaced when the run is done, where nobody changed or added anything.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// Shared options.
@@ -164,6 +171,9 @@ pub struct PhantomArgs {
     /// Folder for the files.
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Move what is in the output folder aside, to DIR.1 or the next free number, whatever it is; nothing is removed.
+    #[arg(long)]
+    pub keep: bool,
 }
 
 /// Arguments of `batch`.
@@ -185,6 +195,9 @@ pub struct BatchArgs {
     /// Run nothing: write cohort.html and cohort.csv from the folders that are there (for cohorts on a cluster).
     #[arg(long, help_heading = "Cases")]
     pub collect: bool,
+    /// Move results that are not those asked for aside, to NAME.1 or the next free number; nothing is removed.
+    #[arg(long, help_heading = "Running")]
+    pub keep: bool,
     /// Cases at a time; the threads are shared among them.
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Running")]
     pub jobs: usize,
@@ -236,6 +249,9 @@ pub struct InitArgs {
     /// Replace an existing file.
     #[arg(long, requires = "output")]
     pub force: bool,
+    /// Move an existing file aside, to CASE.yaml.1 or the next free number.
+    #[arg(long, requires = "output", conflicts_with = "force")]
+    pub keep: bool,
     /// Change a key of the case first, such as `--set input.label=1`; may be repeated.
     #[arg(long = "set", value_name = "KEY.PATH=VALUE")]
     pub set: Vec<String>,

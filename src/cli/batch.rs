@@ -1,5 +1,6 @@
 //! `lumenmesh batch`: a cohort, one folder and one process a case; failures never stop the rest.
 
+mod folder;
 mod jobs;
 mod room;
 
@@ -14,18 +15,17 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+use self::folder::Folder;
 use self::jobs::Job;
 use self::room::Room;
 use super::args::BatchArgs;
 use super::console::{self, CANCELLED};
 use super::exit::{self, Failure};
-use super::output;
+use super::output::manifest::Manifest;
 use crate::report::cohort::{self, Row};
 
 /// Set for the runs of a cohort: they end when the cohort is killed.
 pub const WITH_PARENT: &str = "LUMENMESH_ENDS_WITH_PARENT";
-/// Holds what was run, in the folder of a case that is done.
-const MARK: &str = ".case-sha256";
 /// Time that an interrupted run gets before it is killed.
 const GRACE: Duration = Duration::from_secs(6);
 
@@ -39,12 +39,13 @@ pub fn run(args: &BatchArgs) -> Result<u8, Failure> {
         return Err(Failure::usage("--memory: give the GiB that all runs together may take, such as --memory 12"));
     }
     let jobs = jobs::list(args)?;
-    let rows = if args.collect { jobs.iter().map(|j| collected(j, args)).collect() } else { run_all(&jobs, args)? };
-    write(rows, args)
+    let folder = Folder::open(&args.output, args.keep)?;
+    let rows = if args.collect { jobs.iter().map(|j| collected(j, args)).collect() } else { run_all(&jobs, args, &folder)? };
+    write(rows, args, &folder)
 }
 
 /// Runs what is not there yet.
-fn run_all(jobs: &[Job], args: &BatchArgs) -> Result<Vec<Row>, Failure> {
+fn run_all(jobs: &[Job], args: &BatchArgs, folder: &Folder) -> Result<Vec<Row>, Failure> {
     let total = args.threads.unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
     let threads = (total / args.jobs).max(1);
     let room = Room::new(args.memory);
@@ -56,7 +57,7 @@ fn run_all(jobs: &[Job], args: &BatchArgs) -> Result<Vec<Row>, Failure> {
             scope.spawn(|| {
                 while !CANCELLED.load(Ordering::Relaxed) {
                     let Some((n, job)) = queue.lock().ok().and_then(|mut q| q.pop_front()) else { return };
-                    let row = run_one(job, args, threads, &room)
+                    let row = run_one(job, args, threads, &room, folder)
                         .unwrap_or_else(|e| Row::failed(&job.name, i32::from(e.code()), e.message()));
                     if CANCELLED.load(Ordering::Relaxed) {
                         return;
@@ -78,17 +79,17 @@ fn run_all(jobs: &[Job], args: &BatchArgs) -> Result<Vec<Row>, Failure> {
     Ok(rows.into_iter().map(|(_, r)| r).collect())
 }
 
-fn run_one(job: &Job, args: &BatchArgs, threads: usize, room: &Room) -> Result<Row, Failure> {
+fn run_one(job: &Job, args: &BatchArgs, threads: usize, room: &Room, folder: &Folder) -> Result<Row, Failure> {
     let dir = args.output.join(&job.name);
-    let log = args.output.join(format!("{}.log", job.name));
+    let log = format!("{}.log", job.name);
     let work = match jobs::prepare(job) {
         Ok(work) => work,
         Err(e) => {
-            output::write(&log, e.message().as_bytes())?;
+            folder.put(&log, e.message().as_bytes())?;
             return Err(e);
         }
     };
-    if std::fs::read_to_string(dir.join(MARK)).is_ok_and(|m| m == work.mark)
+    if Manifest::read(&dir).ok().flatten().is_some_and(|m| m.case.as_ref() == Some(&work.mark))
         && let Some(row) = finished(job, &dir, true)
     {
         return Ok(row);
@@ -98,6 +99,9 @@ fn run_one(job: &Job, args: &BatchArgs, threads: usize, room: &Room) -> Result<R
     let mut command = Command::new(program);
     command.arg(if job.yaml { "run" } else { "mesh" }).arg(&job.input).arg("-o").arg(&dir).arg("--quiet");
     command.arg("--threads").arg(threads.to_string()).env(WITH_PARENT, "1");
+    if args.keep {
+        command.arg("--keep");
+    }
     for set in &job.set {
         command.arg("--set").arg(set);
     }
@@ -112,15 +116,14 @@ fn run_one(job: &Job, args: &BatchArgs, threads: usize, room: &Room) -> Result<R
     if matches!(code, 0 | 6)
         && let Some(row) = finished(job, &dir, false)
     {
-        output::write(&dir.join(MARK), work.mark.as_bytes())?;
-        let _ = std::fs::remove_file(&log);
+        folder.remove(&log)?;
         return Ok(row);
     }
     let message = match message.trim() {
         "" => format!("the run ended without a word ({status}): run it by itself to see more"),
         m => m.to_string(),
     };
-    output::write(&log, message.as_bytes())?;
+    folder.put(&log, message.as_bytes())?;
     Ok(Row::failed(&job.name, code, message))
 }
 
@@ -190,10 +193,10 @@ fn collected(job: &Job, args: &BatchArgs) -> Row {
 }
 
 /// Writes cohort.csv and cohort.html; the exit code is that of the worst case.
-fn write(mut rows: Vec<Row>, args: &BatchArgs) -> Result<u8, Failure> {
+fn write(mut rows: Vec<Row>, args: &BatchArgs, folder: &Folder) -> Result<u8, Failure> {
     cohort::sort_worst_first(&mut rows);
-    output::write(&args.output.join("cohort.csv"), cohort::csv(&rows).as_bytes())?;
-    output::write(&args.output.join("cohort.html"), cohort::html(&rows).as_bytes())?;
+    folder.put("cohort.csv", cohort::csv(&rows).as_bytes())?;
+    folder.put("cohort.html", cohort::html(&rows).as_bytes())?;
     let worst = rows.iter().map(|r| r.code).find(|c| *c != 0);
     say!(
         "{} of {} cases met all hard gates; open {}",

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::args::InitArgs;
 use super::console::{self, Console};
 use super::exit::{self, Failure};
-use super::output;
+use super::output::{self, Existing};
 use crate::config::Case;
 use crate::mesh::PatchKind;
 use crate::openings::{BlindReason, FoundBy};
@@ -20,8 +20,14 @@ const LISTED: usize = 5;
 
 /// `lumenmesh init MASK`
 pub fn run(args: &InitArgs) -> Result<u8, Failure> {
-    if let Some(file) = args.output.as_ref().filter(|f| f.exists() && !args.force) {
-        return Err(Failure::usage(format!("{}: exists; it is kept: choose another file with -o, or replace it with --force", file.display())));
+    let existing = match (args.force, args.keep) {
+        (true, _) => Existing::Replace,
+        (_, true) => Existing::Keep,
+        _ => Existing::Refuse("replace it with --force, or move it aside with --keep"),
+    };
+    // Told before the work, and again where the file came meanwhile.
+    if let (Some(file), Existing::Refuse(way)) = (args.output.as_ref().filter(|f| f.exists()), existing) {
+        return Err(output::exists(file, way));
     }
     let case = super::run::case_for(&args.input, &args.set)?;
     console::catch_interrupt(console::PATIENCE);
@@ -35,7 +41,7 @@ pub fn run(args: &InitArgs) -> Result<u8, Failure> {
     crate::config::from_text(&text, "the new case file", &[])?;
     match &args.output {
         Some(file) => {
-            output::write(file, text.as_bytes())?;
+            output::tell_kept(output::place(file, text.as_bytes(), existing)?.as_deref());
             say!("{}: {} openings found; edit it, then run: lumenmesh run {}", file.display(), survey.openings.len(), file.display());
         }
         None => {

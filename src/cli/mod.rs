@@ -14,6 +14,7 @@ mod console;
 mod convergence;
 mod exit;
 mod init;
+mod mark;
 mod output;
 mod phantom;
 mod run;
@@ -80,6 +81,6 @@ pub fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Schema => text::schema(),
         Command::Reference => text::reference(),
         Command::Completions { shell } => text::completions(*shell),
-        Command::Man { output } => text::man(output.as_deref()),
+        Command::Man { output, force } => text::man(output.as_deref(), *force),
     }
 }

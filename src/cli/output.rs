@@ -1,39 +1,53 @@
-//! Output folders appear whole or not at all: written aside, then renamed.
+//! Output folders appear whole or not at all: written in a working folder beside their place, then exchanged for what is
+//! there. Only what lumenmesh wrote itself, and nobody changed since, is ever removed.
+
+mod disk;
+mod inspect;
+pub mod manifest;
+mod place;
+#[cfg(test)]
+mod tests;
+mod work;
 
 use std::fs;
-use std::io;
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use self::inspect::{Alien, Seen, State};
+use self::manifest::{Manifest, Origin};
+use self::work::Work;
 use super::exit::{Failure, USAGE};
 
-/// Folders being written; held while one is put in its place.
-static OPEN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+pub use self::place::{Existing, Scratch, exists, place};
+pub use self::work::{Lock, Taken};
 
-fn open_folders() -> MutexGuard<'static, Vec<PathBuf>> {
+/// Working folders of this process; held while results are put in their place.
+static OPEN: Mutex<Vec<(PathBuf, Option<work::Id>)>> = Mutex::new(Vec::new());
+
+fn open_folders() -> MutexGuard<'static, Vec<(PathBuf, Option<work::Id>)>> {
     OPEN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Removes what is half-written. While the result lives, no folder is put in its place.
 pub fn remove_unfinished() -> impl Drop {
     let mut open = open_folders();
-    for folder in open.drain(..) {
+    for (folder, lock) in open.drain(..) {
+        let new = folder.join("new");
+        if lock.is_none() || work::id(&folder.join("lock")) != lock {
+            continue;
+        }
         // A thread that still writes may put a file into a folder that is being emptied.
         for _ in 0..5 {
-            if fs::remove_dir_all(&folder).is_ok() || !folder.exists() {
+            if fs::remove_dir_all(&new).is_ok() || !new.exists() {
+                let _ = fs::remove_file(folder.join("lock"));
+                let _ = fs::remove_dir(&folder);
                 break;
             }
         }
     }
     open
-}
-
-/// A folder being written beside its final place; dropped without [`Staging::publish`] it vanishes.
-pub struct Staging {
-    aside: PathBuf,
-    target: PathBuf,
-    published: bool,
 }
 
 /// The error of a system call on `path`, with the remedy.
@@ -42,147 +56,295 @@ pub fn failure(path: &Path, action: &str, e: &io::Error) -> Failure {
     Failure::new(USAGE, anyhow::anyhow!("{}: cannot {action}: {}; {}", path.display(), reason(e), writing(e)))
 }
 
-/// A time of a solver's run in the OpenFOAM case of earlier results.
-fn solved(target: &Path) -> Option<PathBuf> {
-    let entries = fs::read_dir(target.join("openfoam")).ok()?;
-    let mut times: Vec<PathBuf> = entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
-    times.sort();
-    let time = |p: &Path| p.file_name().and_then(|n| n.to_str()).and_then(|n| n.parse::<f64>().ok());
-    times.into_iter().find(|p| p.is_dir() && time(p).is_some_and(|t| t > 0.0))
+/// What happens to earlier results.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Earlier {
+    /// They are replaced where all of them is ours and unchanged, else refused.
+    Replace,
+    /// They are moved aside.
+    Keep,
+    /// They are replaced where all of them is ours and unchanged, else moved aside.
+    KeepChanged,
+}
+
+impl Earlier {
+    /// What `--keep` asks for.
+    pub fn from_flag(keep: bool) -> Earlier {
+        if keep { Earlier::Keep } else { Earlier::Replace }
+    }
+
+    /// Whether results in this state are moved aside.
+    fn kept(self, state: &State) -> bool {
+        match state {
+            State::Absent | State::Empty => false,
+            State::Ours(_) => self == Earlier::Keep,
+            State::Unknown(_) | State::Foreign(_) => self != Earlier::Replace,
+        }
+    }
+}
+
+/// A result folder being written beside its final place; dropped without [`Staging::publish`] it vanishes.
+pub struct Staging {
+    /// The place as the person gave it.
+    shown: PathBuf,
+    /// The place without links.
+    target: PathBuf,
+    earlier: Earlier,
+    /// What stood there at the start.
+    seen: Option<Seen>,
+    work: Work,
+    done: bool,
 }
 
 impl Staging {
-    /// Starts a folder that will be `target`. An existing `target` must be empty or hold earlier results.
-    pub fn new(target: &Path) -> Result<Staging, Failure> {
-        if target.exists() {
-            let ours = target.join("report.json").is_file() || target.join("truth.json").is_file();
-            let entries = fs::read_dir(target).map_err(|e| failure(target, "use this as output folder", &e))?.count();
-            if let Some(kept) = solved(target) {
-                return Err(Failure::usage(format!(
-                    "{}: holds a solver's results, which would be lost with the mesh they were made on; nothing was written: choose another folder with -o, or clear them with {}",
-                    kept.display(),
-                    target.join("openfoam/Allclean").display()
-                )));
-            }
-            if entries > 0 && !ours {
-                return Err(Failure::usage(format!(
-                    "{}: is not empty and holds no earlier results; nothing was written: choose another folder with -o",
-                    target.display()
-                )));
-            }
+    /// Starts a folder that will be `target`. What is there must be earlier results that nobody changed, an empty
+    /// folder, or nothing; where earlier results are kept it may be anything.
+    pub fn new(shown: &Path, earlier: Earlier) -> Result<Staging, Failure> {
+        let target = resolve(shown)?;
+        let work = Work::take(&target, shown)?;
+        let mut staging = Staging { shown: shown.into(), target, earlier, seen: None, work, done: false };
+        match inspect::inspect(&staging.target, None).map_err(|e| failure(shown, "use this as output folder", &e))? {
+            state if earlier.kept(&state) => {}
+            State::Unknown(why) => return Err(staging.no_manifest(why)),
+            State::Foreign(aliens) => return Err(staging.foreign(&aliens)),
+            State::Ours(seen) => staging.seen = Some(seen),
+            State::Absent | State::Empty => {}
         }
-        let name = target.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_else(|| "out".into());
-        let parent = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        fs::create_dir_all(parent).map_err(|e| failure(parent, "create the folder", &e))?;
-        let aside = parent.join(format!(".{name}.partial-{}", std::process::id()));
-        remove_abandoned(parent, &format!(".{name}.partial-"));
-        open_folders().push(aside.clone());
-        fs::create_dir_all(&aside).map_err(|e| failure(&aside, "create the folder", &e))?;
-        Ok(Staging { aside, target: target.into(), published: false })
+        open_folders().push((staging.work.dir().into(), staging.work.lock_id()));
+        staging.work.start()?;
+        Ok(staging)
     }
 
     /// The folder to write into.
-    pub fn path(&self) -> &Path {
-        &self.aside
+    pub fn path(&self) -> PathBuf {
+        self.work.new_results()
     }
 
-    /// Puts the folder in its place; earlier results there go only once the new ones are whole.
-    pub fn publish(mut self) -> Result<(), Failure> {
-        let mut open = open_folders();
-        open.retain(|f| *f != self.aside);
-        let old = self.aside.with_extension("old");
-        let had_old = self.target.exists();
-        if had_old {
-            if let Err(e) = fs::rename(&self.target, &old) {
-                drop(open);
-                return Err(failure(&self.target, "move earlier results aside", &e));
-            }
+    /// Refuses to go on where one of the run's own inputs would go with the earlier results.
+    pub fn guard(&self, inputs: impl Iterator<Item = PathBuf>) -> Result<(), Failure> {
+        let inside = |f: &PathBuf| f.canonicalize().is_ok_and(|f| f.starts_with(&self.target));
+        match inputs.into_iter().find(inside).filter(|_| self.earlier != Earlier::Keep) {
+            None => Ok(()),
+            Some(file) => Err(Failure::usage(format!(
+                "{}: holds an input of this run, {}, and would be replaced; nothing was written: choose another folder with -o",
+                self.shown.display(),
+                file.display()
+            ))),
         }
-        if let Err(e) = fs::rename(&self.aside, &self.target) {
-            if had_old {
-                let _ = fs::rename(&old, &self.target);
-            }
-            drop(open);
-            return Err(failure(&self.target, "put the results in place", &e));
-        }
-        self.published = true;
-        drop(open);
-        if had_old {
-            let _ = fs::remove_dir_all(&old);
-        }
-        Ok(())
     }
+
+    /// A folder beside the results, named the way the person named them.
+    fn as_shown(&self, beside: &Path) -> PathBuf {
+        let named = self.shown.with_file_name(beside.file_name().unwrap_or_default());
+        if named.canonicalize().is_ok_and(|p| p == beside) { named } else { beside.into() }
+    }
+
+    fn no_manifest(&self, why: Option<String>) -> Failure {
+        let why = match why {
+            None => format!("holds files but no {}, so that lumenmesh cannot tell what is its own (results of older versions have none)", manifest::FILE),
+            Some(why) => format!("{} cannot be used ({why}), so that lumenmesh cannot tell what is its own", manifest::FILE),
+        };
+        Failure::usage(format!(
+            "{}: {why}; nothing was written: choose another folder with -o, or move this one aside with --keep",
+            self.shown.display()
+        ))
+    }
+
+    fn foreign(&self, aliens: &[Alien]) -> Failure {
+        Failure::usage(format!(
+            "{}: replacing these results would lose {}; nothing was written: choose another folder with -o, or move this one aside with --keep",
+            self.shown.display(),
+            inspect::in_words(aliens)
+        ))
+    }
+
+    /// Puts the folder in its place; gives where earlier results were kept.
+    pub fn publish(mut self, origin: Origin) -> Result<Option<PathBuf>, Failure> {
+        let (new, target) = (self.work.new_results(), self.target.clone());
+        self.work.finish()?;
+        let written = Manifest::of(&new, origin).and_then(|m| m.write(&new));
+        written.map_err(|e| failure(&new.join(manifest::FILE), "write", &e))?;
+        let state = inspect::inspect(&target, self.seen.as_ref()).map_err(|e| failure(&self.shown, "look at earlier results", &e))?;
+        if let Ok(meta) = fs::metadata(&target)
+            && !meta.permissions().readonly()
+        {
+            // The folder keeps the permissions that a person gave it.
+            fs::set_permissions(&new, meta.permissions()).map_err(|e| failure(&new, "set the permissions", &e))?;
+        }
+        let mut open = open_folders();
+        let put = self.put(&state);
+        open.retain(|f| f.0 != self.work.dir());
+        self.done = true;
+        drop(open);
+        match put {
+            Ok(Put::Alone(kept)) => {
+                self.work.release();
+                Ok(kept)
+            }
+            Ok(Put::Over(old)) => {
+                let seen = if let State::Ours(seen) = &state { Some(seen) } else { None };
+                work::dispose(&old, &target, &self.shown, seen)?;
+                self.work.release();
+                Ok(None)
+            }
+            Err(e) => Err(self.beside(e)),
+        }
+    }
+
+    /// The step that makes the results visible.
+    fn put(&self, state: &State) -> Result<Put, Failure> {
+        let (new, target) = (self.work.new_results(), &self.target);
+        let failed = |e: io::Error| failure(&self.shown, "put the results in place", &e);
+        let aside = |e: io::Error| failure(&self.shown, "move earlier results aside", &e);
+        match state {
+            State::Absent => disk::rename_new(&new, target).map_err(failed).map(|()| Put::Alone(None)),
+            // An empty folder gives way; one that is no longer empty does not.
+            State::Empty => disk::rename(&new, target).map_err(failed).map(|()| Put::Alone(None)),
+            state if self.earlier.kept(state) => {
+                let kept = next_free(target, |to| disk::rename_new(target, to)).map_err(aside)?;
+                disk::rename_new(&new, target).map_err(|e| {
+                    let _ = disk::rename_new(&kept, target);
+                    failed(e)
+                })?;
+                Ok(Put::Alone(Some(self.as_shown(&kept))))
+            }
+            State::Ours(_) => {
+                if disk::exchange(&new, target).map_err(failed)? {
+                    return Ok(Put::Over(new));
+                }
+                let old = self.work.old_results();
+                disk::rename(target, &old).map_err(aside)?;
+                disk::rename_new(&new, target).map_err(|e| {
+                    let _ = disk::rename_new(&old, target);
+                    failed(e)
+                })?;
+                Ok(Put::Over(old))
+            }
+            State::Unknown(why) => Err(self.no_manifest(why.clone())),
+            State::Foreign(aliens) => Err(self.foreign(aliens)),
+        }
+    }
+
+    /// The place was changed while the run went on: it stays, and the new results go beside it.
+    fn beside(&mut self, e: Failure) -> Failure {
+        let (new, first) = (self.work.new_results(), suffixed(&self.target, "new"));
+        let put = match disk::rename_new(&new, &first) {
+            Ok(()) => Ok(first),
+            Err(_) => next_free(&first, |to| disk::rename_new(&new, to)),
+        };
+        let whole = e.message();
+        let what = whole.split("; nothing was written").next().unwrap_or_default();
+        match put {
+            Ok(place) => {
+                self.work.release();
+                let place = self.as_shown(&place);
+                Failure::new(e.code(), anyhow::anyhow!("{what}; it is left as it is, and the new results are in {}", place.display()))
+            }
+            Err(_) => {
+                self.work.discard();
+                e
+            }
+        }
+    }
+}
+
+/// How results came to their place.
+enum Put {
+    /// Nothing was removed; what was there was moved here.
+    Alone(Option<PathBuf>),
+    /// Earlier results are in this folder of the working folder now.
+    Over(PathBuf),
 }
 
 impl Drop for Staging {
     fn drop(&mut self) {
-        if !self.published {
-            open_folders().retain(|f| *f != self.aside);
-            let _ = fs::remove_dir_all(&self.aside);
+        if !self.done {
+            open_folders().retain(|f| f.0 != self.work.dir());
+            self.work.discard();
         }
     }
 }
 
-/// Removes what processes that were killed left half-written in `parent`.
-fn remove_abandoned(parent: &Path, prefix: &str) {
-    if !Path::new("/proc/self").exists() {
-        return;
-    }
-    for entry in fs::read_dir(parent).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let id = name.to_str().and_then(|n| n.strip_prefix(prefix)).and_then(|id| id.parse::<u32>().ok());
-        if id.is_some_and(|id| !Path::new(&format!("/proc/{id}")).exists()) {
-            let _ = fs::remove_dir_all(entry.path());
-        }
+/// Tells where earlier results are now.
+pub fn tell_kept(kept: Option<&Path>) {
+    if let Some(path) = kept {
+        eprintln!("note: what was there before is in {}", path.display());
     }
 }
 
-/// Writes a text file, naming it in the error.
+/// Makes a folder and its parents.
+pub fn create_dir_all(path: &Path) -> Result<(), Failure> {
+    disk::create_dir_all(path).map_err(|e| failure(path, "create the folder", &e))
+}
+
+/// Moves a file or folder to the first of `PATH.1`, `PATH.2`, … that is free.
+pub fn move_aside(path: &Path) -> Result<PathBuf, Failure> {
+    next_free(path, |to| disk::rename_new(path, to)).map_err(|e| failure(path, "move this aside", &e))
+}
+
+/// Writes `part` and puts it in the place of `path`.
+pub fn replace_from(part: &Path, path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    disk::write(part, bytes).and_then(|()| disk::rename(part, path)).map_err(|e| failure(path, "write", &e))
+}
+
+/// Writes a file into a folder of ours, naming it in the error.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     if let Some(parent) = path.parent() {
-        fs::create_dir_all(parent).map_err(|e| failure(parent, "create the folder", &e))?;
+        disk::create_dir_all(parent).map_err(|e| failure(parent, "create the folder", &e))?;
     }
-    fs::write(path, bytes).map_err(|e| failure(path, "write", &e))
+    disk::write(path, bytes).map_err(|e| failure(path, "write", &e))
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// `PATH.SUFFIX`.
+fn suffixed(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".");
+    name.push(suffix);
+    path.with_file_name(name)
+}
 
-    #[test]
-    fn results_appear_only_when_published_and_replace_earlier_ones() {
-        let dir = tempfile::tempdir().expect("temporary folder");
-        let target = dir.path().join("out");
-        let staging = Staging::new(&target).expect("new");
-        write(&staging.path().join("report.json"), b"1").expect("write");
-        assert!(!target.exists());
-        staging.publish().expect("publish");
-        let second = Staging::new(&target).expect("again");
-        write(&second.path().join("report.json"), b"2").expect("write");
-        assert_eq!(fs::read(target.join("report.json")).expect("old kept"), b"1");
-        second.publish().expect("publish");
-        assert_eq!(fs::read(target.join("report.json")).expect("new"), b"2");
-        assert_eq!(fs::read_dir(dir.path()).expect("list").count(), 1, "nothing is left aside");
+/// Does `put` with the first of `PATH.1`, `PATH.2`, … that is free.
+fn next_free(path: &Path, put: impl Fn(&Path) -> io::Result<()>) -> io::Result<PathBuf> {
+    for n in 1..u32::MAX {
+        let to = suffixed(path, &n.to_string());
+        match put(&to) {
+            Err(e) if matches!(e.kind(), ErrorKind::AlreadyExists | ErrorKind::DirectoryNotEmpty) => {}
+            done => return done.map(|()| to),
+        }
     }
+    Err(ErrorKind::AlreadyExists.into())
+}
 
-    #[test]
-    fn what_a_solver_made_is_not_replaced() {
-        let dir = tempfile::tempdir().expect("folder");
-        let target = dir.path().join("out");
-        fs::create_dir_all(target.join("openfoam/295")).expect("folders");
-        fs::write(target.join("report.json"), "{}").expect("write");
-        let e = Staging::new(&target).err().map(|e| e.message()).unwrap_or_default();
-        assert!(e.contains("openfoam/295") && e.contains("Allclean"), "{e}");
-        fs::rename(target.join("openfoam/295"), target.join("openfoam/0")).expect("rename");
-        assert!(Staging::new(&target).is_ok(), "initial fields are no results");
+/// The place of an output folder without links; its parents are made. Places that cannot be replaced as a whole are
+/// refused before any work is done.
+fn resolve(shown: &Path) -> Result<PathBuf, Failure> {
+    let refused = |why: &str| {
+        let inside = shown.join("results");
+        Failure::usage(format!("{}: {why}; nothing was written: give a folder of its own, such as -o {}", shown.display(), inside.display()))
+    };
+    let target = match shown.canonicalize() {
+        Ok(path) => path,
+        Err(_) if fs::symlink_metadata(shown).is_ok() => return Err(refused("is a link that leads nowhere")),
+        Err(_) => {
+            let Some(name) = shown.file_name() else { return Err(refused("is no name for a folder")) };
+            let parent = shown.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            disk::create_dir_all(parent).map_err(|e| failure(parent, "create the folder", &e))?;
+            return Ok(parent.canonicalize().map_err(|e| failure(parent, "create the folder", &e))?.join(name));
+        }
+    };
+    if !target.is_dir() {
+        return Err(Failure::usage(format!("{}: is a file; nothing was written: choose another folder with -o", shown.display())));
     }
-
-    #[test]
-    fn a_failed_run_leaves_nothing_and_a_foreign_folder_is_not_touched() {
-        let dir = tempfile::tempdir().expect("temporary folder");
-        drop(Staging::new(&dir.path().join("out")).expect("new"));
-        assert_eq!(fs::read_dir(dir.path()).expect("list").count(), 0);
-        fs::write(dir.path().join("thesis.tex"), "x").expect("write");
-        assert!(Staging::new(dir.path()).is_err());
+    let device = |p: &Path| fs::metadata(p).map(|m| m.dev());
+    match target.parent() {
+        None => return Err(refused("is the root of all folders")),
+        Some(parent) => match (device(&target), device(parent)) {
+            (Ok(a), Ok(b)) if a != b => return Err(refused("is a mount point, which cannot be replaced as a whole")),
+            _ => {}
+        },
     }
+    if std::env::current_dir().and_then(|d| d.canonicalize()).is_ok_and(|d| d.starts_with(&target)) {
+        return Err(refused("is the folder that you are in, or holds it"));
+    }
+    Ok(target)
 }

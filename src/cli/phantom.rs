@@ -2,7 +2,8 @@
 
 use super::args::PhantomArgs;
 use super::exit::{self, Failure};
-use super::output::{Staging, write};
+use super::output::manifest::Origin;
+use super::output::{self, Earlier, Staging, write};
 use crate::io::nrrd;
 use crate::phantom;
 
@@ -16,14 +17,14 @@ pub fn run(args: &PhantomArgs) -> Result<u8, Failure> {
     }
     let phantom = phantom::build(&args.name).map_err(|e| Failure::new(exit::USAGE, e))?;
     let dir = args.output.clone().unwrap_or_else(|| args.name.clone().into());
-    let staging = Staging::new(&dir)?;
+    let staging = Staging::new(&dir, Earlier::from_flag(args.keep))?;
     let mask = phantom.mask();
     let file = staging.path().join("mask.nrrd");
     nrrd::write_mask(&file, &mask).map_err(|e| Failure::new(exit::USAGE, e))?;
     let truth = serde_json::to_string_pretty(&phantom.truth_json(&mask.grid)).map_err(|e| Failure::new(exit::USAGE, e))?;
     write(&staging.path().join("truth.json"), format!("{truth}\n").as_bytes())?;
     write(&staging.path().join("case.yaml"), phantom.case_yaml("mask.nrrd").as_bytes())?;
-    staging.publish()?;
+    output::tell_kept(staging.publish(Origin { command: "phantom", case: None })?.as_deref());
     say!("{}: {} lumen voxels; mask.nrrd, truth.json, case.yaml in {}", args.name, mask.count(), dir.display());
     Ok(0)
 }

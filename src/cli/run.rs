@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use super::args::{Common, MeshArgs, RunArgs};
 use super::console::{self, Console};
 use super::exit::{self, Failure};
-use super::output::Staging;
+use super::mark;
+use super::output::manifest::Origin;
+use super::output::{self, Earlier, Staging};
 use crate::config::{self, Case};
 use crate::pipeline::{self, Stage};
 use crate::report::{Report, Status};
@@ -42,7 +44,10 @@ fn execute(case: &Case, output: &Path, common: &Common) -> Result<u8, Failure> {
         .map_err(|e| Failure::new(exit::USAGE, e))?;
     let progress = Console::new(common.quiet, common.verbose);
     let stage = common.stop_after.map_or(Stage::Exports, Stage::from);
-    let report = pool.install(|| run_case(case, output, stage, &progress))?;
+    let (report, kept) = pool.install(|| run_case(case, output, Earlier::from_flag(common.keep), stage, &progress))?;
+    if !common.quiet {
+        output::tell_kept(kept.as_deref());
+    }
     if common.json {
         say!("{}", report.to_json().trim_end());
     } else if !common.quiet {
@@ -51,14 +56,23 @@ fn execute(case: &Case, output: &Path, common: &Common) -> Result<u8, Failure> {
     Ok(if report.status == Status::Passed { 0 } else { exit::GATE })
 }
 
-/// Runs a case and puts the results into `output`.
-pub fn run_case(case: &Case, output: &Path, stage: Stage, progress: &dyn pipeline::Progress) -> Result<Report, Failure> {
-    let staging = Staging::new(output)?;
+/// Runs a case and puts the results into `output`; gives the report and where earlier results were kept.
+pub fn run_case(
+    case: &Case,
+    output: &Path,
+    earlier: Earlier,
+    stage: Stage,
+    progress: &dyn pipeline::Progress,
+) -> Result<(Report, Option<PathBuf>), Failure> {
+    let staging = Staging::new(output, earlier)?;
+    staging.guard(case.clone().files_mut().map(|f| f.clone()))?;
+    // An input that cannot be read is the reader's to tell.
+    let mark = mark::of(case, stage).ok();
     let worker = std::env::current_exe().map_err(|e| Failure::new(exit::ENGINE, e))?;
     let context = pipeline::Context { stop_after: stage, progress, cancel: &console::CANCELLED, worker };
-    let report = pipeline::run_and_write(case, staging.path(), &context)?;
-    staging.publish()?;
-    Ok(report)
+    let report = pipeline::run_and_write(case, &staging.path(), &context)?;
+    let kept = staging.publish(Origin { command: "run", case: mark.as_deref() })?;
+    Ok((report, kept))
 }
 
 fn number(report: &Report, section: &str, key: &str) -> String {

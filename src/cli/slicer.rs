@@ -14,7 +14,7 @@ use serde_json::Value;
 
 use super::console::{self, share};
 use super::exit::{self, Failure};
-use super::output;
+use super::output::{self, Earlier, Existing};
 use super::run::run_case;
 use crate::config::{Case, Labels};
 use crate::pipeline::{Progress, Stage};
@@ -125,15 +125,16 @@ fn run(a: &Arguments) -> Result<(), Failure> {
     let progress = Filter::new(if a.no_volume { SURFACE_SHARE } else { 100.0 });
     let stage = if a.no_volume { Stage::Surface } else { Stage::Exports };
     // Without a folder the results live only until what was asked for is copied.
-    let scratch = std::env::temp_dir().join(format!("lumenmesh-slicer-{}", std::process::id()));
-    let dir = a.folder.as_ref().map_or_else(|| scratch.clone(), |f| f.join("lumenmesh"));
-    let done = pool.install(|| run_case(&case, &dir, stage, &progress)).and_then(|report| {
+    let scratch = if a.folder.is_none() { Some(output::Scratch::new("lumenmesh-slicer")?) } else { None };
+    let dir = scratch.as_ref().map(output::Scratch::path).or(a.folder.as_deref()).unwrap_or(Path::new("")).join("lumenmesh");
+    let done = pool.install(|| run_case(&case, &dir, Earlier::KeepChanged, stage, &progress)).and_then(|(report, kept)| {
+        if let Some(kept) = kept {
+            progress.comment(&format!("what was there before is in {}", kept.display()));
+        }
         hand_over(a, &dir, &report)?;
         Ok(report)
     });
-    if a.folder.is_none() {
-        let _ = std::fs::remove_dir_all(&scratch);
-    }
+    drop(scratch);
     let report = done?;
     for w in &report.warnings {
         progress.comment(&w.message);
@@ -150,9 +151,7 @@ fn hand_over(a: &Arguments, dir: &Path, report: &Report) -> Result<(), Failure> 
             && from.is_file()
         {
             let bytes = std::fs::read(&from).map_err(|e| Failure::new(exit::ENGINE, anyhow::anyhow!("{}: {e}", from.display())))?;
-            let aside = to.with_extension(format!("partial-{}", std::process::id()));
-            output::write(&aside, &bytes)?;
-            std::fs::rename(&aside, to).map_err(|e| output::failure(to, "put the file in place", &e))?;
+            output::place(to, &bytes, Existing::Replace)?;
         }
     }
     let Some(file) = &a.results else { return Ok(()) };
@@ -176,7 +175,7 @@ fn hand_over(a: &Arguments, dir: &Path, report: &Report) -> Result<(), Failure> 
     }
     // Slicer's reader takes a blank line or a second line of a value for a fault.
     let text: String = lines.iter().map(|l| l.replace(['\n', '\r'], " ") + "\n").collect();
-    output::write(file, text.as_bytes())
+    output::place(file, text.as_bytes(), Existing::Replace).map(|_| ())
 }
 
 /// Per cent of the whole work after which the surface stands.

@@ -1,12 +1,13 @@
 //! Commands that only print: schema, reference, completions, manual page, validation.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::CommandFactory;
 
 use super::args::{Cli, ValidateArgs};
 use super::exit::{Failure, USAGE};
+use super::output::{self, Existing, Scratch};
 use crate::config;
 
 fn print(text: &[u8]) -> Result<u8, Failure> {
@@ -36,17 +37,34 @@ pub fn completions(shell: clap_complete::Shell) -> Result<u8, Failure> {
 }
 
 /// `lumenmesh man`
-pub fn man(folder: Option<&Path>) -> Result<u8, Failure> {
-    if let Some(folder) = folder {
-        let written = std::fs::create_dir_all(folder).and_then(|()| clap_mangen::generate_to(Cli::command(), folder));
-        let told = |e| anyhow::anyhow!("{}: {e}: give a folder that can be written", folder.display());
-        written.map_err(|e| Failure::new(USAGE, told(e)))?;
-        return Ok(0);
+pub fn man(folder: Option<&Path>, force: bool) -> Result<u8, Failure> {
+    let Some(folder) = folder else {
+        let mut out = Vec::new();
+        clap_mangen::Man::new(Cli::command()).render(&mut out).map_err(|e| Failure::new(USAGE, e))?;
+        return print(&out);
+    };
+    let scratch = Scratch::new("lumenmesh-man")?;
+    let told = |e| output::failure(scratch.path(), "write the pages", &e);
+    clap_mangen::generate_to(Cli::command(), scratch.path()).map_err(told)?;
+    let mut pages = vec![];
+    for entry in std::fs::read_dir(scratch.path()).map_err(told)? {
+        let entry = entry.map_err(told)?;
+        pages.push((folder.join(entry.file_name()), std::fs::read(entry.path()).map_err(told)?));
     }
-    let mut out = Vec::new();
-    clap_mangen::Man::new(Cli::command()).render(&mut out).map_err(|e| Failure::new(USAGE, e))?;
-    print(&out)
+    // All are looked at before one is written.
+    let same = |(page, text): &(PathBuf, Vec<u8>)| std::fs::read(page).is_ok_and(|t| t == *text);
+    pages.retain(|p| !same(p));
+    if let Some((page, _)) = pages.iter().find(|(page, _)| page.exists() && !force) {
+        return Err(output::exists(page, DIFFERS));
+    }
+    for (page, text) in &pages {
+        output::place(page, text, if force { Existing::Replace } else { Existing::Refuse(DIFFERS) })?;
+    }
+    Ok(0)
 }
+
+/// The way out where another page is there.
+const DIFFERS: &str = "replace it with --force";
 
 /// `lumenmesh validate CASE.yaml`
 pub fn validate(args: &ValidateArgs) -> Result<u8, Failure> {

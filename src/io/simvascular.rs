@@ -1,7 +1,7 @@
 //! SimVascular's `mesh-complete` folder, centimetres: the volume, its exterior, and one file a face.
 
 use std::fs::{File, create_dir_all};
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use super::vtk_xml::{Array, Extra, Values};
@@ -30,7 +30,9 @@ pub fn write(folder: &Path, mesh: &VolumeMesh, faces: &FaceList<'_>) -> io::Resu
         cell: vec![int("GlobalElementID", (1..=nc as i32).collect()), int("ModelRegionID", vec![1; nc])],
         text: vec![],
     };
-    vtu::write_cells(&mut create("mesh-complete.mesh.vtu")?, mesh, CM, false, &extra)?;
+    let mut file = create("mesh-complete.mesh.vtu")?;
+    vtu::write_cells(&mut file, mesh, CM, false, &extra)?;
+    file.flush()?;
     let surface = |name: &str, keep: &dyn Fn(usize) -> bool| -> io::Result<()> {
         let mut list: Vec<(usize, i32)> = vec![];
         for (k, p) in faces.patches.iter().enumerate().filter(|&(k, _)| keep(k)) {
@@ -47,7 +49,10 @@ pub fn write(folder: &Path, mesh: &VolumeMesh, faces: &FaceList<'_>) -> io::Resu
             ],
             text: vec![],
         };
-        vtp::write_cells(&mut create(name)?, &points, CM, false, &cells, &extra)
+        let mut file = create(name)?;
+        vtp::write_cells(&mut file, &points, CM, false, &cells, &extra)?;
+        // A full disk shows here; a buffer that is dropped says nothing.
+        file.flush()
     };
     let wall = |k: usize| faces.patches[k].patch.kind == PatchKind::Wall;
     surface("mesh-complete.exterior.vtp", &|_| true)?;

@@ -127,7 +127,7 @@ say "compared"
 compare() {
   local same=0
   for n in "${names[@]}"; do
-    if diff -rq -x report.json -x report.html -x lumenmesh.log -x .case-sha256 "$work/single/$n" "$1/$n" >>"$work/diff.log"; then
+    if diff -rq -x report.json -x report.html -x lumenmesh.log -x .lumenmesh "$work/single/$n" "$1/$n" >>"$work/diff.log"; then
       same=$((same + 1))
     fi
   done

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
-
 use crate::cli::args::BatchArgs;
-use crate::cli::exit::{self, Failure};
+use crate::cli::exit::Failure;
+use crate::cli::mark;
 use crate::cli::run::case_for;
 use crate::config::{self, Case};
 use crate::io;
 use crate::mask::{self, Selection};
+use crate::pipeline::Stage;
 
 /// One case of a cohort.
 pub struct Job {
@@ -89,15 +89,8 @@ fn sweep(texts: &[String]) -> Result<Vec<(String, Vec<String>)>, Failure> {
 
 /// Reads the case and its files.
 pub fn prepare(job: &Job) -> Result<Work, Failure> {
-    let mut case = if job.yaml { config::load(&job.input, &job.set)? } else { case_for(&job.input, &job.set)? };
-    let mut hash = Sha256::new();
-    hash.update(env!("CARGO_PKG_VERSION"));
-    hash.update(config::to_yaml(&case.with_absolute_paths())?);
-    for file in case.files_mut() {
-        let bytes = std::fs::read(&*file).map_err(|e| Failure::new(exit::INPUT, io::Error::read(file, e)))?;
-        hash.update(Sha256::digest(&bytes));
-    }
-    let mark = hash.finalize().iter().map(|b| format!("{b:02x}")).collect();
+    let case = if job.yaml { config::load(&job.input, &job.set)? } else { case_for(&job.input, &job.set)? };
+    let mark = mark::of(&case, Stage::Exports)?;
     Ok(Work { mark, memory: memory(&case) })
 }
 
