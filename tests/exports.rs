@@ -80,7 +80,15 @@ fn a_mask_becomes_a_finished_solver_run_and_every_export_passes_its_reader() {
     assert!(fs::read_to_string(case.join("log.checkMesh")).expect("log").contains("Mesh OK"));
     assert!(fs::read_to_string(case.join("log.simpleFoam")).expect("log").contains("SIMPLE solution converged"));
     assert!(fs::read_dir(&case).expect("list").filter_map(Result::ok).any(|t| t.path().join("wallShearStress").is_file()));
+    // What a person put beside stays, whatever it is called.
+    let mine = ["2024-11-29", "2nd_try", "log.mine"];
+    for name in mine {
+        std::fs::create_dir(case.join(name)).unwrap();
+    }
     foam::run(&case, "./Allclean", &[]);
+    for name in mine {
+        std::fs::remove_dir(case.join(name)).unwrap();
+    }
     let mut left: Vec<_> = fs::read_dir(&case).expect("list").filter_map(Result::ok).map(|e| e.file_name()).collect();
     left.sort();
     assert_eq!(left, ["0", "Allclean", "Allrun", "constant", "system"]);

@@ -336,7 +336,17 @@ const CONVERGED: &str = r#"grep -h 'solution converged' log.simpleFoam || {
 "#;
 
 const ALLCLEAN: &str = r#"#!/bin/sh
-# Removes everything that Allrun made.
-cd "${0%/*}" || exit 1
-rm -rf log.* postProcessing processor[0-9]* [1-9]* 0.[0-9]* VTK
+# Removes what Allrun made: its logs, postProcessing, processor folders and times; nothing else that lies here.
+cd "${0%/*}" && [ -f Allclean ] && [ -d constant/polyMesh ] || exit 1
+for log in checkMesh decomposePar simpleFoam pimpleFoam reconstructPar; do rm -f "log.$log"; done
+rm -rf postProcessing
+for made in processor[0-9]* [0-9]*; do
+    number=${made#processor}
+    # Small times have an exponent: 1e-05.
+    case "${number%e-[0-9]*}" in
+    0) [ "$made" = processor0 ] || continue ;;
+    *[!0-9.]*) continue ;;
+    esac
+    [ ! -d "$made" ] || rm -rf "$made"
+done
 "#;
