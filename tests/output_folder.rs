@@ -53,7 +53,12 @@ fn whole(dir: &Path, what: &str) -> Value {
         let path = dir.join(entry["path"].as_str().expect("path"));
         let bytes = fs::read(&path).unwrap_or_else(|e| panic!("{what}: {}: {e}", path.display()));
         let hash: String = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
-        assert_eq!((entry["size"].as_u64(), entry["sha256"].as_str()), (Some(bytes.len() as u64), Some(hash.as_str())), "{what}: {}", path.display());
+        assert_eq!(
+            (entry["size"].as_u64(), entry["sha256"].as_str()),
+            (Some(bytes.len() as u64), Some(hash.as_str())),
+            "{what}: {}",
+            path.display()
+        );
         wanted.push(path);
     }
     wanted.sort();
@@ -69,7 +74,10 @@ fn phantom_in(dir: &Path, what: &str) -> String {
 }
 
 fn nothing_beside(dir: &Path, wanted: &[&str]) {
-    let mut names: Vec<String> = fs::read_dir(dir).expect("list").map(|e| e.expect("entry").file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<String> = fs::read_dir(dir)
+        .expect("list")
+        .map(|e| e.expect("entry").file_name().to_string_lossy().into_owned())
+        .collect();
     names.sort();
     assert_eq!(names, wanted);
 }
@@ -86,7 +94,13 @@ fn solver_results_in_a_series_and_notes_are_refused_or_moved_aside_whole() {
     // Unchanged results are replaced.
     succeeds(&run, dir);
     nothing_beside(dir, &["case", "out"]);
-    let mine = ["series/fine/openfoam/295/U", "openfoam/processor3/0.1/p", "openfoam/postProcessing/p.dat", "fluent/run.cas.h5", "notes.md"];
+    let mine = [
+        "series/fine/openfoam/295/U",
+        "openfoam/processor3/0.1/p",
+        "openfoam/postProcessing/p.dat",
+        "fluent/run.cas.h5",
+        "notes.md",
+    ];
     for name in mine {
         let path = dir.join("out").join(name);
         fs::create_dir_all(path.parent().expect("parent")).expect("folders");
@@ -94,7 +108,9 @@ fn solver_results_in_a_series_and_notes_are_refused_or_moved_aside_whole() {
     }
     fs::write(dir.join("out/case.resolved.yaml"), "edited").expect("write");
     let said = refused(&run, dir);
-    for name in ["series/ (not", "openfoam/ (not", "fluent/ (not", "notes.md (not", "case.resolved.yaml (changed)", "--keep"] {
+    for name in
+        ["series/ (not", "openfoam/ (not", "fluent/ (not", "notes.md (not", "case.resolved.yaml (changed)", "--keep"]
+    {
         assert!(said.contains(name), "{name}: {said}");
     }
     let mut keep = run.to_vec();
@@ -126,7 +142,10 @@ fn a_second_run_is_refused_at_once_and_a_killed_one_leaves_no_lock() {
     let mut first = start(&["run", "case/case.yaml", "-o", "out", "--quiet"], dir);
     let begun = Instant::now();
     while !dir.join(".out.lumenmesh/new").is_dir() {
-        assert!(begun.elapsed() < Duration::from_secs(60) && first.try_wait().expect("state").is_none(), "the first run does not start");
+        assert!(
+            begun.elapsed() < Duration::from_secs(60) && first.try_wait().expect("state").is_none(),
+            "the first run does not start"
+        );
         std::thread::sleep(Duration::from_millis(5));
     }
     let begun = Instant::now();
@@ -145,7 +164,14 @@ fn a_second_run_is_refused_at_once_and_a_killed_one_leaves_no_lock() {
 }
 
 fn start(args: &[&str], dir: &Path) -> Child {
-    program().args(args).current_dir(dir).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("starts")
+    program()
+        .args(args)
+        .current_dir(dir)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("starts")
 }
 
 #[test]
@@ -183,45 +209,59 @@ fn killed_or_failing_at_any_system_call_nothing_is_lost() {
     }
     let dir = tempfile::tempdir().expect("folder");
     let dir = dir.path();
+    succeeds(&["phantom", "tube", "-o", "old"], dir);
+    let faults = [
+        ("mkdir", "error=ENOSPC"),
+        ("openat", "error=EROFS"),
+        ("write", "error=ENOSPC"),
+        ("fsync", "error=ENOSPC"),
+        ("rename", "error=EROFS"),
+        ("renameat2", "error=EROFS"),
+        ("unlink", "error=EROFS"),
+        ("rmdir", "error=EROFS"),
+    ];
     let mut injected = 0;
-    for call in ["mkdir", "openat", "write", "fsync", "rename", "renameat2", "unlink", "rmdir"] {
-        for fault in ["signal=KILL", "error=ENOSPC", "error=EROFS"] {
-            // Every call of this kind would take hours: the first ones, then ever farther apart.
-            let mut when = 1;
-            loop {
-                let work = dir.join(format!("{call}-{fault}-{when}"));
-                fs::create_dir(&work).expect("folder");
-                succeeds(&["phantom", "tube", "-o", "out"], &work);
-                let inject = format!("inject={call}:{fault}:when={when}");
-                let traced = work.with_extension("trace");
-                let out = Command::new("strace")
-                    .args(["-f", "-qq", "-e", &format!("trace={call}"), "-e", &inject, "-o"])
-                    .arg(&traced)
-                    .arg(env!("CARGO_BIN_EXE_lumenmesh"))
-                    .args(["phantom", "sphere", "-o", "out"])
-                    .current_dir(&work)
-                    .output()
-                    .expect("strace starts");
-                let what = format!("{inject}: {}", text(&out));
-                let holds = phantom_in(&work.join("out"), &what);
-                let done = out.status.code() == Some(0);
-                assert!(!done || holds == "sphere", "{what}");
-                // The next run puts the rest right.
-                succeeds(&["phantom", "sphere", "-o", "out"], &work);
-                assert_eq!(phantom_in(&work.join("out"), &what), "sphere");
-                let left: Vec<_> = fs::read_dir(&work).expect("list").map(|e| e.expect("entry").file_name()).collect();
-                assert!(left.iter().all(|n| n.to_string_lossy().starts_with("out")), "{what}: {left:?}");
-                let hit = fs::read_to_string(&traced).is_ok_and(|t| t.contains("INJECTED") || t.contains("SIGKILL"));
-                if !hit {
-                    break;
-                }
-                injected += 1;
-                when += 1 + when / 6;
+    for (call, fault) in faults.into_iter().flat_map(|(call, error)| [(call, error), (call, "signal=KILL")]) {
+        // The first calls of a kind one by one, then ever farther apart.
+        let mut when = 1;
+        loop {
+            let work = dir.join(format!("{call}-{fault}-{when}"));
+            copy(&dir.join("old"), &work.join("out"));
+            let inject = format!("inject={call}:{fault}:when={when}");
+            let traced = work.with_extension("trace");
+            let out = Command::new("strace")
+                .args(["-f", "-qq", "-e", &format!("trace={call}"), "-e", &inject, "-o"])
+                .arg(&traced)
+                .arg(env!("CARGO_BIN_EXE_lumenmesh"))
+                .args(["phantom", "sphere", "-o", "out"])
+                .current_dir(&work)
+                .output()
+                .expect("strace starts");
+            let what = format!("{inject}: {}", text(&out));
+            let holds = phantom_in(&work.join("out"), &what);
+            assert!(out.status.code() != Some(0) || holds == "sphere", "{what}");
+            // The next run puts the rest right.
+            succeeds(&["phantom", "sphere", "-o", "out"], &work);
+            assert_eq!(phantom_in(&work.join("out"), &what), "sphere");
+            let left: Vec<_> = fs::read_dir(&work).expect("list").map(|e| e.expect("entry").file_name()).collect();
+            assert!(left.iter().all(|n| n.to_string_lossy().starts_with("out")), "{what}: {left:?}");
+            if !fs::read_to_string(&traced).is_ok_and(|t| t.contains("INJECTED") || t.contains("SIGKILL")) {
+                break;
             }
+            injected += 1;
+            when += 1 + when / 3;
         }
     }
     eprintln!("{injected} system calls failed or killed, nothing lost");
     assert!(injected >= 30, "{injected}");
+}
+
+fn copy(from: &Path, to: &Path) {
+    for file in files(from) {
+        let path = to.join(file.strip_prefix(from).expect("inside"));
+        fs::create_dir_all(path.parent().expect("parent")).expect("folder");
+        fs::copy(&file, path).expect("copy");
+    }
 }
 
 /// A file system of some kilobytes, gone with the value.
@@ -256,10 +296,21 @@ fn a_full_or_read_only_disk_leaves_the_old_results_whole() {
         return;
     };
     succeeds(&["phantom", "tube", "-o", "case"], dir);
-    let run = ["run", "../case/case.yaml", "-o", "out", "--quiet", "--set", "surface.scale=3", "--set", "exports=[vtk,stl,ply,openfoam,fluent,gmsh,simvascular,vmtk]"];
+    let run = [
+        "run",
+        "../case/case.yaml",
+        "-o",
+        "out",
+        "--quiet",
+        "--set",
+        "surface.scale=3",
+        "--set",
+        "exports=[vtk,stl,ply,openfoam,fluent,gmsh,simvascular,vmtk]",
+    ];
     succeeds(&run, &disk.0);
     whole(&disk.0.join("out"), "with room");
-    let before: Vec<(PathBuf, Vec<u8>)> = files(&disk.0.join("out")).into_iter().map(|f| (f.clone(), fs::read(f).expect("read"))).collect();
+    let before: Vec<(PathBuf, Vec<u8>)> =
+        files(&disk.0.join("out")).into_iter().map(|f| (f.clone(), fs::read(f).expect("read"))).collect();
     let kilobytes = before.iter().map(|f| f.1.len().div_ceil(4096) * 4).sum::<usize>();
     // From no room at all to all but a little, in steps that end inside other files each.
     let mut full = 0;

@@ -128,7 +128,7 @@ impl From<StageArg> for Stage {
 pub struct RunArgs {
     /// Case file (YAML).
     pub case: PathBuf,
-    /// Folder for the results. Earlier results are replaced when the run is done, where nobody changed or added anything.
+    /// Folder for the results. Earlier results there are replaced when the run is done, unless anything was added or changed.
     /// Default: the case file's name.
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
@@ -143,7 +143,7 @@ pub struct RunArgs {
 pub struct MeshArgs {
     /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or closed surface (.stl, .vtp, .ply).
     pub input: PathBuf,
-    /// Folder for the results. Earlier results are replaced when the run is done, where nobody changed or added anything.
+    /// Folder for the results. Earlier results there are replaced when the run is done, unless anything was added or changed.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// Shared options.

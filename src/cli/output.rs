@@ -1,5 +1,5 @@
-//! Output folders appear whole or not at all: written in a working folder beside their place, then exchanged for what is
-//! there. Only what lumenmesh wrote itself, and nobody changed since, is ever removed.
+//! Output folders appear whole or not at all: written in a working folder beside their place, then exchanged for what
+//! is there. Only what lumenmesh wrote itself, and nobody changed since, is ever removed.
 
 mod disk;
 mod inspect;
@@ -141,8 +141,13 @@ impl Staging {
 
     fn no_manifest(&self, why: Option<String>) -> Failure {
         let why = match why {
-            None => format!("holds files but no {}, so that lumenmesh cannot tell what is its own (results of older versions have none)", manifest::FILE),
-            Some(why) => format!("{} cannot be used ({why}), so that lumenmesh cannot tell what is its own", manifest::FILE),
+            None => format!(
+                "holds files but no {}, so that lumenmesh cannot tell what is its own (results of older versions have none)",
+                manifest::FILE
+            ),
+            Some(why) => {
+                format!("{} cannot be used ({why}), so that lumenmesh cannot tell what is its own", manifest::FILE)
+            }
         };
         Failure::usage(format!(
             "{}: {why}; nothing was written: choose another folder with -o, or move this one aside with --keep",
@@ -164,7 +169,8 @@ impl Staging {
         self.work.finish()?;
         let written = Manifest::of(&new, origin).and_then(|m| m.write(&new));
         written.map_err(|e| failure(&new.join(manifest::FILE), "write", &e))?;
-        let state = inspect::inspect(&target, self.seen.as_ref()).map_err(|e| failure(&self.shown, "look at earlier results", &e))?;
+        let state = inspect::inspect(&target, self.seen.as_ref())
+            .map_err(|e| failure(&self.shown, "look at earlier results", &e))?;
         if let Ok(meta) = fs::metadata(&target)
             && !meta.permissions().readonly()
         {
@@ -238,7 +244,10 @@ impl Staging {
             Ok(place) => {
                 self.work.release();
                 let place = self.as_shown(&place);
-                Failure::new(e.code(), anyhow::anyhow!("{what}; it is left as it is, and the new results are in {}", place.display()))
+                Failure::new(
+                    e.code(),
+                    anyhow::anyhow!("{what}; it is left as it is, and the new results are in {}", place.display()),
+                )
             }
             Err(_) => {
                 self.work.discard();
@@ -320,7 +329,11 @@ fn next_free(path: &Path, put: impl Fn(&Path) -> io::Result<()>) -> io::Result<P
 fn resolve(shown: &Path) -> Result<PathBuf, Failure> {
     let refused = |why: &str| {
         let inside = shown.join("results");
-        Failure::usage(format!("{}: {why}; nothing was written: give a folder of its own, such as -o {}", shown.display(), inside.display()))
+        Failure::usage(format!(
+            "{}: {why}; nothing was written: give a folder of its own, such as -o {}",
+            shown.display(),
+            inside.display()
+        ))
     };
     let target = match shown.canonicalize() {
         Ok(path) => path,
@@ -333,7 +346,10 @@ fn resolve(shown: &Path) -> Result<PathBuf, Failure> {
         }
     };
     if !target.is_dir() {
-        return Err(Failure::usage(format!("{}: is a file; nothing was written: choose another folder with -o", shown.display())));
+        return Err(Failure::usage(format!(
+            "{}: is a file; nothing was written: choose another folder with -o",
+            shown.display()
+        )));
     }
     let device = |p: &Path| fs::metadata(p).map(|m| m.dev());
     match target.parent() {

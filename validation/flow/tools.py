@@ -1,5 +1,5 @@
 """What all parts share: running lumenmesh, checks, results."""
-import json, os, subprocess
+import json, os, shutil, subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,9 @@ LUMENMESH = Path(os.environ.get("LUMENMESH", ROOT / "target/release/lumenmesh"))
 
 def mesh(case, out, settings=()):
     """`lumenmesh run`; gives the report. Runs that miss a gate keep their files and go on."""
+    # A study's own working folder holds the solver's results of the last time, which lumenmesh would not replace.
+    if Path(out).resolve().is_relative_to(WORK):
+        shutil.rmtree(out, ignore_errors=True)
     sets = [x for s in settings for x in ("--set", s)]
     done = subprocess.run([str(LUMENMESH), "run", str(case), "-o", str(out), "--quiet", *sets], capture_output=True, text=True)
     if done.returncode not in (0, 6):

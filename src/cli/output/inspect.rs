@@ -6,8 +6,8 @@ use std::io::{self, ErrorKind};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-use super::manifest::{self, Manifest};
 use super::disk;
+use super::manifest::{self, Manifest};
 
 /// What tells whether a file was touched: the system sets the last two, no program can set them back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,7 +56,9 @@ pub fn inspect(dir: &Path, known: Option<&Seen>) -> io::Result<State> {
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(State::Absent),
         Err(e) => return Err(e),
         Ok(m) if !m.is_dir() => return Err(ErrorKind::NotADirectory.into()),
-        Ok(m) if m.permissions().readonly() => return Ok(State::Foreign(vec![Alien { path: "./".into(), why: "write-protected" }])),
+        Ok(m) if m.permissions().readonly() => {
+            return Ok(State::Foreign(vec![Alien { path: "./".into(), why: "write-protected" }]));
+        }
         Ok(_) => {}
     }
     if fs::read_dir(dir)?.next().is_none() {
@@ -67,7 +69,8 @@ pub fn inspect(dir: &Path, known: Option<&Seen>) -> io::Result<State> {
         Ok(None) => return Ok(State::Unknown(None)),
         Err(what) => return Ok(State::Unknown(Some(what))),
     };
-    let mut walk = Walk { entries: manifest.by_path(), manifest: &manifest, known, seen: Seen::default(), aliens: vec![] };
+    let mut walk =
+        Walk { entries: manifest.by_path(), manifest: &manifest, known, seen: Seen::default(), aliens: vec![] };
     walk.folder(dir, "")?;
     if walk.aliens.is_empty() { Ok(State::Ours(walk.seen)) } else { Ok(State::Foreign(walk.aliens)) }
 }
@@ -106,7 +109,9 @@ impl Walk<'_> {
                     self.alien(format!("{path}/"), "write-protected");
                 } else {
                     match self.folder(&entry.path(), &format!("{path}/")) {
-                        Err(e) if e.kind() == ErrorKind::PermissionDenied => self.alien(format!("{path}/"), "cannot be looked at"),
+                        Err(e) if e.kind() == ErrorKind::PermissionDenied => {
+                            self.alien(format!("{path}/"), "cannot be looked at")
+                        }
                         other => other?,
                     }
                     self.seen.folders.push(path);
@@ -133,7 +138,8 @@ impl Walk<'_> {
         // A file of another length need not be read; one that cannot be read is not known to be ours.
         let ours = unread
             || entries.iter().any(|e| e.size == meta.size())
-                && manifest::hash(file).is_ok_and(|(size, hash)| entries.iter().any(|e| e.size == size && e.sha256 == hash));
+                && manifest::hash(file)
+                    .is_ok_and(|(size, hash)| entries.iter().any(|e| e.size == size && e.sha256 == hash));
         if ours {
             self.seen.files.insert(path, stamp);
         } else {

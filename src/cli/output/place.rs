@@ -40,6 +40,12 @@ pub fn place(file: &Path, bytes: &[u8], existing: Existing) -> Result<Option<Pat
     if let (Existing::Refuse(way), Ok(_)) = (existing, fs::symlink_metadata(&target)) {
         return Err(exists(file, way));
     }
+    if fs::metadata(&target).is_ok_and(|m| m.permissions().readonly()) && existing == Existing::Replace {
+        return Err(Failure::usage(format!(
+            "{}: is write-protected; it is kept: choose another place",
+            file.display()
+        )));
+    }
     let parent = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     disk::create_dir_all(parent).map_err(|e| failure(parent, "create the folder", &e))?;
     let name = target.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();

@@ -88,7 +88,10 @@ fn the_manifest_lists_every_file_with_its_size_and_hash() {
     staging.publish(Origin { command: "run", case: Some("12ab") }).expect("publish");
     let text = fs::read_to_string(target.join(".lumenmesh/manifest.json")).expect("manifest");
     let m: serde_json::Value = serde_json::from_str(&text).expect("JSON");
-    assert_eq!((&m["version"], &m["command"], &m["case"]), (&env!("CARGO_PKG_VERSION").into(), &"run".into(), &"12ab".into()));
+    assert_eq!(
+        (&m["version"], &m["command"], &m["case"]),
+        (&env!("CARGO_PKG_VERSION").into(), &"run".into(), &"12ab".into())
+    );
     let abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
     assert_eq!(m["files"], serde_json::json!([{"path": "surface/a.stl", "size": 3, "sha256": abc}]));
     assert_eq!(m["folders"], serde_json::json!(["surface"]));
@@ -109,7 +112,9 @@ fn whatever_a_person_or_a_solver_adds_or_changes_is_kept() {
         ("notes.txt (not", |o| put(o, "notes.txt")),
         (".lumenmesh/mine (not", |o| put(o, ".lumenmesh/mine")),
         ("mine/ (not", |o| fs::create_dir(o.join("mine")).expect("folder")),
-        ("openfoam/system/controlDict (changed)", |o| fs::write(o.join("openfoam/system/controlDict"), "2").expect("same length")),
+        ("openfoam/system/controlDict (changed)", |o| {
+            fs::write(o.join("openfoam/system/controlDict"), "2").expect("same length")
+        }),
         ("report.json (changed)", |o| fs::write(o.join("report.json"), "longer").expect("write")),
         ("link (a link)", |o| std::os::unix::fs::symlink("report.json", o.join("link")).expect("link")),
         ("report.json (write-protected)", |o| protect(&o.join("report.json"), 0o444)),
@@ -123,7 +128,11 @@ fn whatever_a_person_or_a_solver_adds_or_changes_is_kept() {
         let said = refusal(&target);
         assert!(said.contains(words) && said.contains("--keep"), "{words}: {said}");
         assert_eq!(tree(&target), before, "{words}");
-        assert_eq!(run(&target, Earlier::Keep, &results("2")).map_err(|e| e.message()), Ok(Some(dir.path().join("out.1"))), "{words}");
+        assert_eq!(
+            run(&target, Earlier::Keep, &results("2")).map_err(|e| e.message()),
+            Ok(Some(dir.path().join("out.1"))),
+            "{words}"
+        );
         assert_eq!(tree(&dir.path().join("out.1")), before, "{words}");
         assert!(whole(&tree(dir.path()), "out", "2"), "{words}");
         protect(&dir.path().join("out.1/openfoam"), 0o755);
@@ -253,7 +262,9 @@ fn prepare(target: &Path, before: Before) {
 fn check(dir: &Path, before: Before, what: &str) {
     let now = tree(dir);
     let places = ["out", "out.1", "out.2", ".out.lumenmesh/new", ".out.lumenmesh/old"];
-    let person = |now: &BTreeMap<String, String>| places.iter().any(|p| now.get(&format!("{p}/mine.txt")).is_some_and(|t| t == "mine"));
+    let person = |now: &BTreeMap<String, String>| {
+        places.iter().any(|p| now.get(&format!("{p}/mine.txt")).is_some_and(|t| t == "mine"))
+    };
     let old = |now: &BTreeMap<String, String>| {
         places.iter().any(|p| results("old").iter().all(|(k, v)| now.get(&format!("{p}/{k}")).is_some_and(|t| t == v)))
     };
@@ -292,7 +303,14 @@ fn no_fault_at_any_step_loses_or_halves_anything() {
                     fault::plan(at, kind.map_or(Fault::Die, Fault::Fail), no_exchange);
                     let done = run(&target, earlier, &results("new"));
                     let steps = fault::clear();
-                    check(dir.path(), before, &format!("{before:?}, {kind:?} at step {at}, no exchange {no_exchange}, {:?}", done.err().map(|e| e.message())));
+                    check(
+                        dir.path(),
+                        before,
+                        &format!(
+                            "{before:?}, {kind:?} at step {at}, no exchange {no_exchange}, {:?}",
+                            done.err().map(|e| e.message())
+                        ),
+                    );
                     if steps < at {
                         break;
                     }
@@ -303,6 +321,29 @@ fn no_fault_at_any_step_loses_or_halves_anything() {
     }
     eprintln!("{injected} faults injected, nothing lost");
     assert!(injected > 250, "{injected}");
+}
+
+#[test]
+fn old_results_outlive_a_kill_between_two_renames_and_a_person_in_their_place() {
+    let mut met = 0;
+    for at in 1.. {
+        let (dir, target) = folder();
+        replaced(&target, "old");
+        fault::plan(at, Fault::Die, true);
+        let _ = run(&target, Earlier::Replace, &results("new"));
+        if fault::clear() < at {
+            break;
+        }
+        if target.exists() {
+            continue;
+        }
+        met += 1;
+        put(&target, "mine.txt");
+        assert!(refusal(&target).contains("no .lumenmesh/manifest.json"));
+        let now = tree(dir.path());
+        assert!(whole(&now, "out.1", "old") && now.contains_key("out/mine.txt"), "{now:?}");
+    }
+    assert_eq!(met, 1);
 }
 
 #[test]
@@ -333,7 +374,8 @@ fn what_comes_into_the_folder_meanwhile_is_kept_at_any_step() {
                 continue;
             }
             let now = tree(dir.path());
-            let kept = now.keys().find(|k| k.ends_with("openfoam/100/U")).unwrap_or_else(|| panic!("step {at}: {now:?}"));
+            let kept =
+                now.keys().find(|k| k.ends_with("openfoam/100/U")).unwrap_or_else(|| panic!("step {at}: {now:?}"));
             // Beside it stand the results that it belongs to: in the place, or moved aside.
             let place = kept.strip_suffix("/openfoam/100/U").expect("suffix");
             assert!(["out", "out.1"].contains(&place), "step {at}: {kept}");
@@ -400,7 +442,10 @@ fn a_named_file_is_written_whole_and_an_existing_one_kept() {
     assert!(e.contains("exists") && e.contains("--force"), "{e}");
     assert_eq!(place(&file, b"2", Existing::Keep).map_err(|e| e.message()), Ok(Some(dir.path().join("case.yaml.1"))));
     assert_eq!(place(&file, b"3", Existing::Replace).map_err(|e| e.message()), Ok(None));
-    assert_eq!((fs::read(&file).expect("new"), fs::read(dir.path().join("case.yaml.1")).expect("kept")), (b"3".to_vec(), b"1".to_vec()));
+    assert_eq!(
+        (fs::read(&file).expect("new"), fs::read(dir.path().join("case.yaml.1")).expect("kept")),
+        (b"3".to_vec(), b"1".to_vec())
+    );
     for at in 1.. {
         fault::plan(at, Fault::Fail(ErrorKind::StorageFull), false);
         let done = place(&file, b"half-written?", Existing::Replace);

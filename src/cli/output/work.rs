@@ -13,8 +13,8 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::cli::batch::WITH_PARENT;
 use super::{disk, failure, inspect, manifest, next_free};
+use crate::cli::batch::WITH_PARENT;
 use crate::cli::exit::Failure;
 
 /// First word of a lock file.
@@ -87,14 +87,17 @@ impl Lock {
         if id(path).is_none() || id(path) != file.metadata().ok().map(|m| (m.dev(), m.ino())) {
             return Ok(Taken::Gone);
         }
-        let written = file.set_len(0).and_then(|()| io::Seek::rewind(&mut file)).and_then(|()| writeln!(file, "{WORD} {}", std::process::id()));
-        written.map_err(|e| failed(&e))?;
+        // The word is for people: on a full disk the lock holds without it.
+        let _ = file
+            .set_len(0)
+            .and_then(|()| io::Seek::rewind(&mut file))
+            .and_then(|()| writeln!(file, "{WORD} {}", std::process::id()));
         Ok(Taken::Ours(Lock { path: path.into(), file }))
     }
 }
 
 impl Lock {
-    /// Whether the lock's place still has this lock: somebody may have removed the folder, and another run made it anew.
+    /// Whether the lock's place still has this lock: the folder may have been removed, and made anew by another run.
     fn stands(&self) -> bool {
         self.file.metadata().is_ok_and(|m| id(&self.path) == Some((m.dev(), m.ino())))
     }
@@ -167,7 +170,7 @@ impl Work {
         self.new_results().join(manifest::FOLDER).join("unfinished")
     }
 
-    /// Fails where somebody removed the working folder, or emptied it, since the start; after that the results are whole.
+    /// Fails where somebody removed the working folder, or emptied it, since the start.
     pub fn finish(&mut self) -> Result<(), Failure> {
         let token = self.token_path();
         if !self.stands() || self.token.is_none() || id(&token) != self.token {
@@ -198,8 +201,14 @@ impl Work {
     fn clear(&self, target: &Path, shown: &Path) -> Result<(), Failure> {
         let (old, new) = (self.old_results(), self.new_results());
         if old.exists() {
+            // With new results waiting the exchange was not done: the old ones are the only ones.
             match disk::rename_new(&old, target) {
-                Ok(()) => eprintln!("note: {}: put back as it was: a run that was killed had moved it aside", shown.display()),
+                Ok(()) => eprintln!("note: {}: put back: a run that was killed had moved it aside", shown.display()),
+                Err(e) if e.kind() == ErrorKind::AlreadyExists && new.exists() => {
+                    let kept = next_free(target, |to| disk::rename_new(&old, to))
+                        .map_err(|e| failure(&old, "put earlier results back", &e))?;
+                    eprintln!("note: {}: results that a killed run had moved aside are in {}", shown.display(), kept.display());
+                }
                 Err(e) if e.kind() == ErrorKind::AlreadyExists => dispose(&old, target, shown, None)?,
                 Err(e) => return Err(failure(&old, "put earlier results back", &e)),
             }
@@ -207,7 +216,9 @@ impl Work {
         if new.exists() {
             // Without a manifest it is half-written; with one it may be what the new results were exchanged for.
             match manifest::Manifest::read(&new) {
-                Ok(None) => disk::remove_dir_all(&new).map_err(|e| failure(&new, "remove what a killed run left", &e))?,
+                Ok(None) => {
+                    disk::remove_dir_all(&new).map_err(|e| failure(&new, "remove what a killed run left", &e))?
+                }
                 _ => dispose(&new, target, shown, None)?,
             }
         }
