@@ -74,7 +74,10 @@ fn a_killed_cohort_goes_on_and_gives_what_single_runs_give() {
     let csv = fs::read_to_string(dir.join("cohort/cohort.csv")).expect("cohort.csv");
     let verdicts: Vec<String> = csv.lines().skip(1).map(|l| l.split(',').take(3).collect::<Vec<_>>().join(" ")).collect();
     assert_eq!(verdicts[..3], ["\"empty_a\" input 3", "\"empty_b\" input 3", "\"none\" input 3"], "failures come first");
-    assert!(verdicts[3..].iter().all(|v| v.ends_with("met 0")), "{verdicts:?}");
+    // A sphere has no openings, which is a warning and comes before what has none.
+    assert_eq!(verdicts[3..], ["\"sphere\" met with warnings 0", "\"tube\" met 0"]);
+    assert!(said.contains("met all hard gates, 1 with warnings"), "{said}");
+    assert!(csv.contains("flow: there is no inlet or no outlet"), "{csv}");
     let page = fs::read_to_string(dir.join("cohort/cohort.html")).expect("cohort.html");
     assert!(page.contains("(2): empty_a, empty_b"), "failures are not grouped by cause");
     assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 2, "a picture for each case that has a surface");
@@ -97,9 +100,61 @@ fn a_killed_cohort_goes_on_and_gives_what_single_runs_give() {
     let said = text(&lumenmesh(&few, dir));
     assert_eq!(said.matches("(kept)").count(), 1, "{said}");
     // The page can be made from the folders alone.
-    few.push("--collect");
-    let out = lumenmesh(&few, dir);
+    let mut collect = few.clone();
+    collect.push("--collect");
+    let out = lumenmesh(&collect, dir);
     assert!(text(&out).contains("2 of 2 cases"), "{}", text(&out));
+
+    // A solver has run, a person has written: what is done stays done, and nothing of it is replaced unasked.
+    for (name, file) in [("sphere", "openfoam/100/U"), ("tube", "notes.md")] {
+        let path = dir.join("cohort").join(name).join(file);
+        fs::create_dir_all(path.parent().expect("parent")).expect("folders");
+        fs::write(path, "mine").expect("write");
+    }
+    fs::write(dir.join("cohort/cohort.csv"), "my column").expect("write");
+    let out = lumenmesh(&few, dir);
+    assert_eq!(out.status.code(), Some(2), "{}", text(&out));
+    assert!(text(&out).contains("cohort.csv: was changed") && text(&out).contains("--keep"), "{}", text(&out));
+    few.push("--keep");
+    let out = lumenmesh(&few, dir);
+    assert_eq!(text(&out).matches("(kept)").count(), 2, "{}", text(&out));
+    assert_eq!(fs::read_to_string(dir.join("cohort/cohort.csv.1")).expect("kept"), "my column");
+    let other = |args: &[&'static str]| {
+        let mut all = vec!["batch", "cases/sphere/case.yaml", "cases/tube/case.yaml", "-o", "cohort", "--set", "surface.scale=3.1", "--set", "exports=[vtk]"];
+        all.extend(args);
+        lumenmesh(&all, dir)
+    };
+    let out = other(&[]);
+    assert_eq!(out.status.code(), Some(2), "{}", text(&out));
+    let log = |name: &str| fs::read_to_string(dir.join(format!("cohort/{name}.log"))).expect("log");
+    assert!(log("sphere").contains("openfoam/ (not written by lumenmesh)"), "{}", log("sphere"));
+    assert!(log("tube").contains("notes.md (not written by lumenmesh)"), "{}", log("tube"));
+    let out = other(&["--keep"]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out));
+    for file in ["sphere.1/openfoam/100/U", "tube.1/notes.md"] {
+        assert_eq!(fs::read_to_string(dir.join("cohort").join(file)).expect(file), "mine");
+    }
+    assert!(!dir.join("cohort/sphere.log").exists(), "the log of a failure goes with the failure");
+}
+
+#[test]
+fn two_inputs_never_share_a_folder() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let dir = dir.path();
+    phantom("sphere", dir);
+    for name in ["1.2.840.1.nrrd", "1.2.840.2.nrrd", "a/x.nrrd", "b/x.nrrd"] {
+        fs::create_dir_all(dir.join(name).parent().expect("parent")).expect("folder");
+        fs::copy(dir.join("cases/sphere/mask.nrrd"), dir.join(name)).expect("copy");
+    }
+    let mut args = vec!["batch", "1.2.840.1.nrrd", "1.2.840.2.nrrd", "-o", "cohort"];
+    args.extend(QUICK);
+    let out = lumenmesh(&args, dir);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out));
+    assert!(dir.join("cohort/1.2.840.1/report.json").is_file() && dir.join("cohort/1.2.840.2/report.json").is_file());
+    let out = lumenmesh(&["batch", "a/x.nrrd", "b/x.nrrd", "-o", "other"], dir);
+    assert_eq!(out.status.code(), Some(2), "{}", text(&out));
+    assert!(text(&out).contains("a/x.nrrd would share the folder x"), "{}", text(&out));
+    assert!(!dir.join("other").exists());
 }
 
 #[test]
@@ -144,7 +199,7 @@ fn snakemake_gives_the_same_cohort() {
         .expect("starts");
     assert!(out.status.success(), "{}", text(&out));
     let csv = fs::read_to_string(dir.join("cohort/cohort.csv")).expect("cohort.csv");
-    assert!(csv.contains("\"bad\",input,3") && csv.contains("\"sphere\",met,0"), "{csv}");
+    assert!(csv.contains("\"bad\",input,3") && csv.contains("\"sphere\",met with warnings,0"), "{csv}");
     assert!(csv.contains("no such file"), "{csv}");
     let out = lumenmesh(&["run", "cases/sphere/case.yaml", "-o", "single", "--quiet", "--set", "surface.scale=3"], dir);
     assert_eq!(out.status.code(), Some(0), "{}", text(&out));

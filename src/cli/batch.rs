@@ -2,6 +2,7 @@
 
 mod folder;
 mod jobs;
+mod names;
 mod room;
 
 use std::collections::VecDeque;
@@ -117,6 +118,10 @@ fn run_one(job: &Job, args: &BatchArgs, threads: usize, room: &Room, folder: &Fo
         && let Some(row) = finished(job, &dir, false)
     {
         folder.remove(&log)?;
+        // Where earlier results went is told, although all is well.
+        for line in message.lines().filter(|l| l.starts_with("warning: ") || l.starts_with("note: ")) {
+            eprintln!("{}: {line}", job.name);
+        }
         return Ok(row);
     }
     let message = match message.trim() {
@@ -198,11 +203,6 @@ fn write(mut rows: Vec<Row>, args: &BatchArgs, folder: &Folder) -> Result<u8, Fa
     folder.put("cohort.csv", cohort::csv(&rows).as_bytes())?;
     folder.put("cohort.html", cohort::html(&rows).as_bytes())?;
     let worst = rows.iter().map(|r| r.code).find(|c| *c != 0);
-    say!(
-        "{} of {} cases met all hard gates; open {}",
-        rows.iter().filter(|r| r.code == 0).count(),
-        rows.len(),
-        args.output.join("cohort.html").display()
-    );
+    say!("{}; open {}", cohort::verdict(&rows), args.output.join("cohort.html").display());
     Ok(worst.map_or(0, |c| u8::try_from(c).unwrap_or(1)))
 }

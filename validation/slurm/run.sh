@@ -136,7 +136,7 @@ compare() {
 : >"$work/diff.log"
 local_same=$(compare "$work/local")
 cluster_same=$(compare "$work/cluster")
-met=$(grep -c ',met,' "$work/cluster/cohort.csv" || true)
+met=$(grep -cE ',met( with warnings)?,' "$work/cluster/cohort.csv" || true)
 out=validation/results/cohort
 mkdir -p "$out"
 {

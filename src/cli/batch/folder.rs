@@ -65,7 +65,8 @@ impl Folder {
     fn ours(&self, ledger: &Manifest, name: &str) -> bool {
         let path = self.root.join(name);
         let Ok(meta) = fs::symlink_metadata(&path) else { return true };
-        let known = |size: u64, hash: &str| ledger.files.iter().any(|e| e.path == name && e.size == size && e.sha256 == hash);
+        let known =
+            |size: u64, hash: &str| ledger.files.iter().any(|e| e.path == name && e.size == size && e.sha256 == hash);
         meta.is_file() && manifest::hash(&path).is_ok_and(|(size, hash)| known(size, &hash))
     }
 

@@ -1,7 +1,8 @@
 //! The cases of a cohort: their names, what decides whether they are done, and the memory they are likely to take.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::names;
 use crate::cli::args::BatchArgs;
 use crate::cli::exit::Failure;
 use crate::cli::mark;
@@ -21,6 +22,8 @@ pub struct Job {
     pub yaml: bool,
     /// Overrides: those of all cases and, in a sweep, its own.
     pub set: Vec<String>,
+    /// The overrides of a sweep alone.
+    pub own: Vec<String>,
 }
 
 /// What must be known before a case runs.
@@ -36,31 +39,15 @@ pub fn list(args: &BatchArgs) -> Result<Vec<Job>, Failure> {
     let mut jobs: Vec<Job> = Vec::new();
     let variants = sweep(&args.sweep)?;
     for input in &args.cases {
-        let base = name(input);
+        let base = names::name(input);
         for (suffix, own) in &variants {
-            let first = format!("{base}{suffix}");
-            let mut name = first.clone();
-            let mut n = 2;
-            while jobs.iter().any(|j| j.name == name) {
-                name = format!("{first}-{n}");
-                n += 1;
-            }
+            let name = format!("{base}{suffix}");
             let yaml = input.extension().is_some_and(|e| e == "yaml" || e == "yml");
-            jobs.push(Job { name, input: input.clone(), yaml, set: args.set.iter().chain(own).cloned().collect() });
+            jobs.push(Job { name, input: input.clone(), yaml, set: args.set.iter().chain(own).cloned().collect(), own: own.clone() });
         }
     }
+    names::check(&jobs)?;
     Ok(jobs)
-}
-
-/// `a/case.yaml` and `b/case.yaml` (or `mask.nrrd`) are told apart by their folders.
-fn name(input: &Path) -> String {
-    let file = input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let stem = file.split('.').next().unwrap_or("case").to_string();
-    let folder = || input.parent().and_then(Path::file_name).map(|n| n.to_string_lossy().into_owned());
-    match stem.as_str() {
-        "case" | "mask" => folder().unwrap_or(stem),
-        _ => stem,
-    }
 }
 
 /// Suffix of the name and overrides of every combination of `key=a,b,c`; one without either where nothing is swept.
@@ -117,12 +104,5 @@ mod tests {
         assert_eq!(names, ["_offset-0.25_edge_length0.5_mm", "_offset-0.25_edge_lengthauto", "_offset0_edge_length0.5_mm", "_offset0_edge_lengthauto"]);
         assert_eq!(all[0].1, ["reconstruction.offset=-0.25", "surface.edge_length=0.5 mm"]);
         assert!(sweep(&["surface.scale".into()]).is_err());
-    }
-
-    #[test]
-    fn files_of_one_name_are_told_apart_by_their_folders() {
-        assert_eq!(name(Path::new("a/case.yaml")), "a");
-        assert_eq!(name(Path::new("b/mask.nii.gz")), "b");
-        assert_eq!(name(Path::new("b/left_carotid.nii.gz")), "left_carotid");
     }
 }
