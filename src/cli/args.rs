@@ -166,7 +166,7 @@ pub struct CheckArgs {
 /// Arguments of `phantom`.
 #[derive(Debug, Clone, Args)]
 pub struct PhantomArgs {
-    /// Name of a built-in case, or `list`.
+    /// Name of a built-in case, KIND-SEED for a random one of a kind (`cuts-7`), or `list`.
     pub name: String,
     /// Folder for the files.
     #[arg(short, long, value_name = "DIR")]

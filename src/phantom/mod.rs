@@ -2,6 +2,8 @@
 
 mod cases;
 mod random;
+mod samples;
+mod solid;
 mod tree;
 mod truth;
 
@@ -10,6 +12,8 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 pub use random::Random;
+pub use samples::{ClosedEnd, Sample, TrueEnd, kinds, sample, sample_by_name};
+pub use solid::{PlaneSection, plane_section};
 pub use tree::{TreeOptions, random_tree};
 pub use truth::{Axis, Primitive, Shape, Truth};
 
@@ -21,7 +25,7 @@ use crate::mask::{Grid, Mask};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
     /// There is no such phantom.
-    #[error("there is no phantom \"{name}\"; there are {known}, each also with -anisotropic or -oblique behind its name, and tree-SEED for other random trees")]
+    #[error("there is no phantom \"{name}\"; there are {known}, each also with -anisotropic or -oblique behind its name, tree-SEED for other random trees, and KIND-SEED for samples with flat and hard ends (cuts-7); `lumenmesh phantom list` has the kinds")]
     Unknown {
         /// The name that was asked for.
         name: String,

@@ -28,6 +28,17 @@ impl Random {
         low + (high - low) * ((self.bits() >> 11) as f64 / (1u64 << 53) as f64)
     }
 
+    /// One of `0..count`.
+    pub fn below(&mut self, count: usize) -> usize {
+        (self.uniform(0.0, count as f64) as usize).min(count - 1)
+    }
+
+    /// Close to normally distributed with mean 0 and deviation 1 (the sum of twelve uniform numbers): no function whose
+    /// last digit differs between machines is needed.
+    pub fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform(0.0, 1.0)).sum::<f64>() - 6.0
+    }
+
     /// A unit vector, evenly spread over the sphere.
     pub fn direction(&mut self) -> Vector {
         loop {

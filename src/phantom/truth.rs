@@ -60,7 +60,7 @@ pub enum Shape {
 
 impl Shape {
     /// Value and gradient at a point.
-    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+    pub(super) fn value_gradient(&self, p: &Point) -> (f64, Vector) {
         let away = |d: Vector, r: f64| {
             let n = d.norm();
             (n - r, if n > 0.0 { d / n } else { Vector::x() })
@@ -103,7 +103,7 @@ impl Shape {
     }
 
     /// Smallest and largest coordinate along a unit direction.
-    fn extent(&self, e: &Vector) -> [f64; 2] {
+    pub(super) fn extent(&self, e: &Vector) -> [f64; 2] {
         match self {
             Shape::Sphere { center, radius } => around(center.coords.dot(e), *radius),
             Shape::Cylinder { point, direction, radius } => {
