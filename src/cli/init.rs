@@ -23,6 +23,7 @@ pub fn run(args: &InitArgs) -> Result<u8, Failure> {
     if let Some(file) = args.output.as_ref().filter(|f| f.exists() && !args.force) {
         return Err(Failure::usage(format!("{}: exists; it is kept: choose another file with -o, or replace it with --force", file.display())));
     }
+    super::kind::is_input(&args.input, "init")?;
     let case = super::run::case_for(&args.input, &args.set)?;
     console::catch_interrupt(console::PATIENCE);
     let progress = Console::new(false, args.verbose);

@@ -14,10 +14,12 @@ mod console;
 mod convergence;
 mod exit;
 mod init;
+mod kind;
 mod output;
 mod phantom;
 mod run;
 pub mod slicer;
+mod summary;
 mod text;
 
 use std::process::ExitCode;

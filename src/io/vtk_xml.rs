@@ -43,6 +43,19 @@ impl Values {
         }
     }
 
+    /// The values in digits.
+    fn ascii(&self) -> String {
+        fn join<T: ToString>(v: &[T]) -> String {
+            v.iter().map(T::to_string).collect::<Vec<_>>().join(" ")
+        }
+        match self {
+            Values::F64(v) => join(v),
+            Values::I32(v) => join(v),
+            Values::I64(v) => join(v),
+            Values::U8(v) => join(v),
+        }
+    }
+
     fn write(&self, w: &mut dyn Write) -> io::Result<()> {
         fn put<T: Copy, const N: usize>(w: &mut dyn Write, v: &[T], f: impl Fn(T) -> [u8; N]) -> io::Result<()> {
             let mut buffer = Vec::with_capacity(N * v.len().min(1 << 16));
@@ -94,8 +107,15 @@ pub struct Extra {
     pub point: Vec<Array>,
     /// One tuple a cell.
     pub cell: Vec<Array>,
-    /// Field data: a name and its texts.
+    /// Field data in numbers. Every reader takes it; some, such as meshio's, stop at texts.
+    pub field: Vec<Array>,
+    /// Field data in texts: for PolyData only.
     pub text: Vec<(String, Vec<String>)>,
+}
+
+/// Field data that says units and frame in numbers: `MetresPerUnit` 0.001, `CoordinatesLPS` 1.
+pub(super) fn millimetres() -> Vec<Array> {
+    vec![Array::scalars("MetresPerUnit", Values::F64(vec![0.001])), Array::scalars("CoordinatesLPS", Values::I32(vec![1]))]
 }
 
 pub(super) fn escape(s: &str) -> String {
@@ -121,7 +141,9 @@ pub(super) struct Piece<'a> {
     pub kind: &'static str,
     /// Attributes of the piece: number of points and so on.
     pub counts: Vec<(&'static str, usize)>,
-    /// Field data.
+    /// Field data in numbers, written in the XML itself.
+    pub field: &'a [Array],
+    /// Field data in texts.
     pub text: &'a [(String, Vec<String>)],
     /// Sections in VTK's order with their arrays.
     pub sections: Vec<(Section, Vec<&'a Array>)>,
@@ -134,8 +156,17 @@ impl Piece<'_> {
         writeln!(w, "<?xml version=\"1.0\"?>")?;
         writeln!(w, "<VTKFile type=\"{kind}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">")?;
         writeln!(w, "<{kind}>")?;
-        if !self.text.is_empty() {
+        if !(self.text.is_empty() && self.field.is_empty()) {
             writeln!(w, "<FieldData>")?;
+            for a in self.field {
+                let (t, n) = (a.values.kind().0, a.components);
+                let (name, tuples) = (escape(&a.name), a.values.len() / n);
+                writeln!(
+                    w,
+                    "<DataArray type=\"{t}\" Name=\"{name}\" NumberOfComponents=\"{n}\" NumberOfTuples=\"{tuples}\" format=\"ascii\">"
+                )?;
+                writeln!(w, "{}\n</DataArray>", a.values.ascii())?;
+            }
             for (name, texts) in self.text {
                 writeln!(w, "<Array type=\"String\" Name=\"{}\" NumberOfTuples=\"{}\" format=\"ascii\">", escape(name), texts.len())?;
                 for t in texts {
