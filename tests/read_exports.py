@@ -112,7 +112,7 @@ patches = {n: int(v[0]) for n, v in ((n, np.ravel(v)) for n, v in boundary.field
 assert patches == ids, (patches, ids)
 assert sum(len(b.data) for b in boundary.cells) == faces
 assert set(np.concatenate(boundary.cell_data["PatchId"])) == set(ids.values())
-assert (boundary.points == mesh.points[boundary.point_data["VolumePointId"].ravel()]).all()
+assert (boundary.points == mesh.points[boundary.point_data["VolumePointId"]]).all()
 grid = read(vtk.vtkXMLUnstructuredGridReader(), folder / "volume/lumen.vtu")
 assert array(grid.GetFieldData(), "MetresPerUnit")[0] == 0.001
 grid = read(vtk.vtkXMLUnstructuredGridReader(), folder / "volume/boundary.vtu")
@@ -129,7 +129,8 @@ assert groups == {"fluid": (1, 3), **{n: (i, 2) for n, i in ids.items()}}, group
 vtk_order = {"tetra": [0, 1, 2, 3], "wedge": [0, 2, 1, 3, 5, 4]}
 total = sum(volume_of(mesh.points, b.data[:, vtk_order[b.type]], len(vtk_order[b.type])) for b in mesh.cells if b.type in vtk_order)
 whole = volume_of(points, connectivity.reshape(-1, 4), 4)
-assert abs(total / (whole * 1e3) - 1) < 1e-9, (total, whole)
+# A prism's sides are not flat: which diagonal they are split along shows in the fifth digit.
+assert abs(total / (whole * 1e3) - 1) < (1e-3 if prisms else 1e-9), (total, whole)
 physical = np.concatenate([d for b, d in zip(mesh.cells, mesh.cell_data["gmsh:physical"]) if b.type in ("triangle", "quad")])
 assert set(physical) == set(ids.values())
 

@@ -94,6 +94,13 @@ impl Array {
         Array { name: name.into(), components: 1, values }
     }
 
+    /// Type, name and components as attributes. Scalars say no number of components: meshio makes columns of them then.
+    fn head(&self) -> String {
+        let (kind, _) = self.values.kind();
+        let components = if self.components == 1 { String::new() } else { format!(" NumberOfComponents=\"{}\"", self.components) };
+        format!("type=\"{kind}\" Name=\"{}\"{components}", escape(&self.name))
+    }
+
     /// An array of vectors.
     pub fn vectors(name: &str, values: Vec<f64>) -> Array {
         Array { name: name.into(), components: 3, values: Values::F64(values) }
@@ -159,12 +166,8 @@ impl Piece<'_> {
         if !(self.text.is_empty() && self.field.is_empty()) {
             writeln!(w, "<FieldData>")?;
             for a in self.field {
-                let (t, n) = (a.values.kind().0, a.components);
-                let (name, tuples) = (escape(&a.name), a.values.len() / n);
-                writeln!(
-                    w,
-                    "<DataArray type=\"{t}\" Name=\"{name}\" NumberOfComponents=\"{n}\" NumberOfTuples=\"{tuples}\" format=\"ascii\">"
-                )?;
+                let tuples = a.values.len() / a.components.max(1);
+                writeln!(w, "<DataArray {} NumberOfTuples=\"{tuples}\" format=\"ascii\">", a.head())?;
                 writeln!(w, "{}\n</DataArray>", a.values.ascii())?;
             }
             for (name, texts) in self.text {
@@ -194,14 +197,8 @@ impl Piece<'_> {
             };
             writeln!(w, "<{name}>")?;
             for a in arrays {
-                let (t, size) = a.values.kind();
-                writeln!(
-                    w,
-                    "<DataArray type=\"{t}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{offset}\"/>",
-                    escape(&a.name),
-                    a.components
-                )?;
-                offset += 8 + a.values.len() * size;
+                writeln!(w, "<DataArray {} format=\"appended\" offset=\"{offset}\"/>", a.head())?;
+                offset += 8 + a.values.len() * a.values.kind().1;
             }
             writeln!(w, "</{name}>")?;
         }

@@ -86,9 +86,10 @@ pub enum Error {
     },
     /// A length that was asked for cannot hold.
     #[error(
-        "{name} is {asked:.4} mm, and lengths from {low:.4} mm (a fifth of a voxel, or the shortest allowed) to {high:.4} mm \
-         (8 edges round a vessel, or the longest allowed) can be had here; {asked:.4} mm would mean about {faces:.1e} triangles \
-         and {cells:.1e} tetrahedra of that size: give a length in that range, or `auto`"
+        "{name} is {asked} mm, and lengths from {} mm (a fifth of a voxel, or the shortest allowed) to {} mm (8 edges round a \
+         vessel, or the longest allowed) can be had here; {asked} mm would mean {} triangles and {} tetrahedra of that size: \
+         give a length in that range, or `auto`",
+        (low * 1e4).ceil() / 1e4, (high * 1e4).floor() / 1e4, reach::about(*.faces), reach::about(*.cells)
     )]
     OutOfReach {
         /// Name of the option.

@@ -49,6 +49,15 @@ impl Reach<'_> {
     }
 }
 
+/// A number of elements in words.
+pub(super) fn about(n: f64) -> String {
+    match n {
+        n if n < 1.0 => "less than one of the".into(),
+        n if n < 1e6 => format!("about {n:.0}"),
+        n => format!("about {n:.1e}"),
+    }
+}
+
 /// Whether every length that was asked for can be had. `own` is the length that a patch gives to a vertex.
 pub(super) fn check(reach: &Reach, options: &GuidanceOptions, own: &[Option<f64>]) -> Result<(), Error> {
     if let EdgeLength::Fixed(h) = options.edge_length {
