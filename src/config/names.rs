@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn a_bad_name_is_refused_in_its_place_wherever_it_is_given() {
         for (rest, place, words) in [
-            ("openings: {rename: [{from: outlet_1, to: \"ICA left\"}]}", ":2:40: ", "lower case"),
+            ("openings: {rename: [{from: outlet_1, to: \"ICA left\"}]}", ":2:38: ", "lower case"),
             ("openings:\n  rename:\n  - {from: a, to: b}\n  - {from: c, to: wall}", ":5:15: ", "reserved"),
             ("openings:\n- {name: Out, center: [0, 0, 0], normal: [0, 0, 1]}", ":3:4: ", "`out`"),
             ("surface: {patches: [{name: \"../up\", sphere: {center: [0, 0, 0], radius: 1}}]}", ":2:22: ", "no patch name"),

@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn entries_of_lists_are_found_in_every_spelling() {
         let flow = "openings: {rename: [{from: a, to: b}, {from: c, to: d}], drop: [e, f]}\n";
-        assert_eq!(locate(flow, "openings.rename[1].to"), Some((1, 48)));
+        assert_eq!(locate(flow, "openings.rename[1].to"), Some((1, 49)));
         assert_eq!(locate(flow, "openings.drop[1]"), Some((1, 68)));
         let keys = "extensions:\n  openings:\n    \"a.b c\": {length: 1 D}\n";
         assert_eq!(locate(keys, "extensions.openings.a.b c"), Some((3, 5)));
