@@ -7,6 +7,7 @@ mod explain;
 mod filling;
 mod gates;
 mod input;
+mod naming;
 mod noise;
 mod options;
 mod reconstruct;
@@ -236,6 +237,9 @@ pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
     if context.stop_after > Stage::Mask {
         surface_stages(case, &source, &mut clock, &mut outcome)?;
     }
+    if context.stop_after < Stage::Surface {
+        outcome.report.without_gates();
+    }
     outcome.report.run.stages = clock.stages;
     Ok(outcome)
 }
@@ -453,6 +457,7 @@ fn part(case: &Case, clock: &mut Clock, report: &mut Report, draft: Draft, ends:
     let size = clock.run("guidance field", || remeshing::guidance(case, &mask, implicit.as_ref(), &polygons, &centerlines, &openings, share), |(_, s)| format!("median {:.3} mm", s.median))?;
     context.progress.explain(&size.1.why);
     report.put_in("remeshing", "guidance_field", &size.1);
+    size.1.bounded.iter().for_each(|w| report.warn("surface", w.clone()));
     let mut part = Part {
         implicit,
         traced,
@@ -512,10 +517,7 @@ fn ends(
     }
     report.put("ends", &summary);
     let (found, warnings) = openings::apply_user(&padded, lines, detected, &options::user_openings(case))?;
-    if let Some(name) = case.extensions.openings.keys().find(|k| found.iter().all(|o| o.name != **k)) {
-        let known = found.iter().map(|o| o.name.as_str()).collect::<Vec<_>>().join(", ");
-        return Err(openings::ExtendError::Unknown { name: name.clone(), known }.into());
-    }
+    naming::check(case, &found)?;
     for w in warnings {
         report.warn("openings", w);
     }

@@ -143,6 +143,39 @@ fn case_files_that_cannot_be_used() {
 }
 
 #[test]
+fn files_of_the_wrong_kind_are_sent_to_the_right_command() {
+    let dir = folder();
+    let dir = dir.path();
+    write(dir, "ok.nrrd", &[HEAD.as_bytes(), &ball()]);
+    fs::write(dir.join("case.yaml"), "input: {mask: ok.nrrd}\n").expect("write");
+    for (args, code, words) in [
+        (&["run", "ok.nrrd", "-o", "out"][..], 2, &["ok.nrrd", "not a case file", "lumenmesh mesh ok.nrrd"][..]),
+        (&["validate", "ok.nrrd"], 2, &["not a case file"]),
+        (&["mesh", "case.yaml", "-o", "out"], 2, &["case.yaml", "is a case file", "lumenmesh run case.yaml"]),
+        (&["init", "case.yaml"], 2, &["is a case file"]),
+        (&["check", "."], 3, &["is a folder", "name a mesh"]),
+        (&["mesh", "ok.nrrd", "-o", "out", "--set", "input.label=big"], 2, &["one value or a list"]),
+    ] {
+        refused(args, dir, code, words);
+    }
+}
+
+#[test]
+fn a_run_that_stops_early_says_what_it_did() {
+    let dir = folder();
+    let made = lumenmesh(&["phantom", "tube", "-o", "case"], dir.path());
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    for (stage, said) in [("mask", "stopped after the mask, as asked"), ("reconstruction", "stopped after the reconstruction")] {
+        let out = lumenmesh(&["run", "case/case.yaml", "-o", stage, "--stop-after", stage], dir.path());
+        let (text, progress) = (String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+        assert_eq!(out.status.code(), Some(0), "{text}{progress}");
+        assert!(text.contains(said) && text.contains("lumen voxels") && !text.contains("MISSED"), "{text}");
+        // One line a stage with its seconds, though nobody watches on a terminal.
+        assert!(progress.lines().any(|l| l.starts_with("clean ") && l.contains(" s  ")), "{progress}");
+    }
+}
+
+#[test]
 fn overrides_that_cannot_be_used() {
     let dir = folder();
     let dir = dir.path();

@@ -48,6 +48,7 @@ fn a_tube_becomes_a_checked_volume_mesh_with_inlet_and_outlet() {
         "surface/centerlines.vtp",
         "volume/lumen.vtu",
         "volume/boundary.vtp",
+        "volume/boundary.vtu",
         "openfoam/constant/polyMesh/points",
         "openfoam/system/controlDict",
         "fluent/lumen.msh",

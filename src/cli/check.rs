@@ -32,7 +32,7 @@ pub fn run(args: &CheckArgs) -> Result<u8, Failure> {
             }
             for g in &report.gates {
                 let verdict = if g.passed { "met     " } else if g.hard { "MISSED  " } else { "advisory" };
-                say!("  {verdict} {}: {} (limit {})", g.name, super::run::rounded(g.value), g.limit);
+                say!("  {verdict} {}: {} (limit {})", g.name, crate::report::rounded(g.value), g.limit);
             }
         }
         missed |= report.status == Status::GateMissed;
@@ -51,6 +51,7 @@ fn checked(file: &Path) -> Result<Report, Failure> {
             anyhow::anyhow!("{}: is a folder of results: name the mesh in it, such as {} or {}", file.display(), file.join("openfoam").display(), file.join("volume/lumen.vtu").display()),
         ));
     }
+    super::kind::is_mesh(file)?;
     let mesh = mesh::read(file).map_err(|e| Failure::new(exit::INPUT, e))?;
     let mut r = report(&mesh).map_err(|e| Failure::new(exit::GEOMETRY, anyhow::anyhow!("{}: {e}", file.display())))?;
     let metres = mesh::is_in_metres(file);

@@ -1,4 +1,4 @@
-//! What a person sees while a run goes on: a line a stage on a terminal, nothing when piped.
+//! What a person sees while a run goes on: a line a stage, on a terminal with the time that is left.
 
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -63,6 +63,7 @@ pub struct Console {
     /// Seconds and shares of the stages that are done.
     done: Mutex<(f64, f64)>,
     terminal: bool,
+    quiet: bool,
     verbose: bool,
 }
 
@@ -73,6 +74,7 @@ impl Console {
             bar: Mutex::new(None),
             done: Mutex::new((0.0, 0.0)),
             terminal: !quiet && std::io::stderr().is_terminal(),
+            quiet,
             verbose: verbose && !quiet,
         }
     }
@@ -135,7 +137,7 @@ impl Progress for Console {
         if let Ok(mut done) = self.done.lock() {
             *done = (done.0 + seconds, (done.1 + share(stage)).min(100.0));
         }
-        if self.terminal || self.verbose {
+        if !self.quiet {
             eprintln!("{stage:<16}{seconds:>8.2} s  {result}");
         }
     }

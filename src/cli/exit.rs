@@ -22,13 +22,14 @@ pub struct Failure {
     code: u8,
     error: anyhow::Error,
     opening: Option<String>,
+    key: Option<&'static str>,
     place: Option<String>,
 }
 
 impl Failure {
     /// A failure with its exit code.
     pub fn new(code: u8, error: impl Into<anyhow::Error>) -> Failure {
-        Failure { code, error: error.into(), opening: None, place: None }
+        Failure { code, error: error.into(), opening: None, key: None, place: None }
     }
 
     /// A failure of usage or configuration.
@@ -50,12 +51,13 @@ impl Failure {
         }
     }
 
-    /// The same with the line of the case file that has the opening at fault, where one is.
+    /// The same with the place in the case file that has the opening at fault, where one is.
     #[must_use]
     pub fn in_case(mut self, file: &std::path::Path) -> Failure {
-        let Some(name) = &self.opening else { return self };
-        let line = std::fs::read_to_string(file).ok().and_then(|text| config::line_of_opening(&text, name));
-        self.place = line.map(|n| format!("{}:{n}", file.display()));
+        let Ok(text) = std::fs::read_to_string(file) else { return self };
+        let opening = self.opening.as_ref().and_then(|name| config::place_of_opening(&text, name));
+        let at = opening.or_else(|| config::locate(&text, self.key?));
+        self.place = at.map(|(line, column)| format!("{}:{line}:{column}", file.display()));
         self
     }
 }
@@ -78,7 +80,10 @@ impl From<pipeline::Error> for Failure {
             pipeline::ErrorKind::Engine => ENGINE,
             pipeline::ErrorKind::Interrupted => INTERRUPTED,
         };
+        // Whichever stage it was that stopped, one sentence says so.
+        let e = if e.kind() == pipeline::ErrorKind::Interrupted { pipeline::Error::Interrupted } else { e };
         let opening = e.opening().map(str::to_string);
-        Failure { opening, ..Failure::new(code, e) }
+        let key = e.key();
+        Failure { opening, key, ..Failure::new(code, e) }
     }
 }

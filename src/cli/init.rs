@@ -29,6 +29,7 @@ pub fn run(args: &InitArgs) -> Result<u8, Failure> {
     if let (Some(file), Existing::Refuse(way)) = (args.output.as_ref().filter(|f| f.exists()), existing) {
         return Err(output::exists(file, way));
     }
+    super::kind::is_input(&args.input, "init")?;
     let case = super::run::case_for(&args.input, &args.set)?;
     console::catch_interrupt(console::PATIENCE);
     let progress = Console::new(false, args.verbose);

@@ -14,11 +14,13 @@ mod console;
 mod convergence;
 mod exit;
 mod init;
+mod kind;
 mod mark;
 mod output;
 mod phantom;
 mod run;
 pub mod slicer;
+mod summary;
 mod text;
 
 use std::process::ExitCode;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::args::{Common, MeshArgs, RunArgs};
 use super::console::{self, Console};
 use super::exit::{self, Failure};
+use super::kind;
 use super::mark;
 use super::output::manifest::Origin;
 use super::output::{self, Earlier, Staging};
@@ -14,6 +15,7 @@ use crate::report::{Report, Status};
 
 /// `lumenmesh run CASE.yaml`
 pub fn run(args: &RunArgs) -> Result<u8, Failure> {
+    kind::is_case(&args.case)?;
     let case = config::load(&args.case, &args.common.set)?;
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(args.case.file_stem().unwrap_or_default()));
     execute(&case, &output, &args.common).map_err(|f| f.in_case(&args.case))
@@ -21,6 +23,7 @@ pub fn run(args: &RunArgs) -> Result<u8, Failure> {
 
 /// `lumenmesh mesh MASK`
 pub fn mesh(args: &MeshArgs) -> Result<u8, Failure> {
+    kind::is_input(&args.input, "mesh")?;
     let case = case_for(&args.input, &args.common.set)?;
     execute(&case, &args.output, &args.common)
 }
@@ -51,7 +54,12 @@ fn execute(case: &Case, output: &Path, common: &Common) -> Result<u8, Failure> {
     if common.json {
         say!("{}", report.to_json().trim_end());
     } else if !common.quiet {
-        summary(&report, output);
+        for w in &report.warnings {
+            eprintln!("warning: {}", w.message);
+        }
+        for line in super::summary::lines(&report, output, stage) {
+            say!("{line}");
+        }
     }
     Ok(if report.status == Status::Passed { 0 } else { exit::GATE })
 }
@@ -73,57 +81,4 @@ pub fn run_case(
     let report = pipeline::run_and_write(case, &staging.path(), &context)?;
     let kept = staging.publish(Origin { command: "run", case: mark.as_deref() })?;
     Ok((report, kept))
-}
-
-fn number(report: &Report, section: &str, key: &str) -> String {
-    match report.sections.get(section).and_then(|s| s.get(key)) {
-        Some(serde_json::Value::Number(n)) => match n.as_u64() {
-            Some(i) => i.to_string(),
-            None => format!("{:.3}", n.as_f64().unwrap_or(f64::NAN)),
-        },
-        _ => "–".into(),
-    }
-}
-
-/// Four digits, and none too many.
-pub fn rounded(value: f64) -> String {
-    if value == 0.0 || value.abs() >= 1e-3 {
-        let text = format!("{value:.4}");
-        text.trim_end_matches('0').trim_end_matches('.').to_string()
-    } else {
-        format!("{value:.2e}")
-    }
-}
-
-/// The lines a person reads last.
-fn summary(report: &Report, output: &Path) {
-    for w in &report.warnings {
-        eprintln!("warning: {}", w.message);
-    }
-    say!(
-        "surface  {} triangles, equi-angle skewness S max {} mean {}",
-        number(report, "surface", "faces"),
-        number(report, "surface", "s_max"),
-        number(report, "surface", "s_mean"),
-    );
-    if report.sections.contains_key("volume") {
-        say!(
-            "volume   {} cells ({} tetrahedra, {} prisms), equi-volume skewness S_V max {} mean {}",
-            number(report, "volume", "cells"),
-            number(report, "volume", "tets"),
-            number(report, "volume", "prisms"),
-            number(report, "volume", "sv_max"),
-            number(report, "volume", "sv_mean"),
-        );
-    }
-    for g in report.gates.iter().filter(|g| !g.passed) {
-        say!("{} {}: {} (limit {})", if g.hard { "MISSED  " } else { "advisory" }, g.name, rounded(g.value), g.limit);
-    }
-    let verdict = if report.status == Status::Passed { "all hard gates met" } else { "A HARD GATE IS MISSED" };
-    let warnings = match report.warnings.len() {
-        0 => String::new(),
-        1 => ", 1 warning".into(),
-        n => format!(", {n} warnings"),
-    };
-    say!("results  {} ({verdict}{warnings}); open {}", output.display(), output.join("report.html").display());
 }

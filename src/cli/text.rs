@@ -68,6 +68,7 @@ const DIFFERS: &str = "replace it with --force";
 
 /// `lumenmesh validate CASE.yaml`
 pub fn validate(args: &ValidateArgs) -> Result<u8, Failure> {
+    super::kind::is_case(&args.case)?;
     let case = config::load(&args.case, &args.set)?;
     let input = &case.input;
     for file in [&input.mask, &input.probability, &input.surface, &case.flow.waveform].into_iter().flatten() {

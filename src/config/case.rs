@@ -248,9 +248,11 @@ pub enum Method {
 pub struct Surface {
     /// How the final triangles are made. `auto` is the better of the first two by measurement.
     pub remesher: Remesher,
-    /// Edge length, the same everywhere; `auto` follows curvature, radius and the chord error.
+    /// Edge length, the same everywhere; `auto` follows curvature, radius and the chord error. A length that cannot hold
+    /// (under a fifth of a voxel, or too long for 8 edges round) is refused with the range that can be had.
     pub edge_length: AutoLength,
-    /// Factor on the edge length, `auto` included: 2 coarsens, 0.5 refines.
+    /// Factor on the edge length, `auto` included: 2 coarsens, 0.5 refines. Bounded, with a warning, where fewer than 8
+    /// edges round or less than a fifth of a voxel would come out.
     #[schemars(range(min = 0.05, max = 20.0))]
     pub scale: f64,
     /// Aim at about this many triangles instead.
@@ -262,7 +264,8 @@ pub struct Surface {
     /// Largest edge length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_edge_length: Option<Length>,
-    /// Edges round the circumference of a vessel, at least. Default 28.
+    /// Edges round the circumference of a vessel, at least, with `edge_length: auto` and `scale: 1`; a scale of 2 halves
+    /// the number. Default 28.
     #[schemars(range(min = 6.0, max = 400.0))]
     pub edges_around: f64,
     /// Change of edge length per length, at most. Default 0.15.
@@ -309,7 +312,7 @@ impl Default for Surface {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WallPatch {
-    /// Patch name.
+    /// Patch name: lower case letters, digits, `_` and `-`, a letter first; no opening's name.
     pub name: String,
     /// Ball; give this or `plane`.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -44,6 +44,7 @@ pub(super) fn explain(message: &str, line: &str, column: usize) -> String {
         m if m.starts_with("invalid") && (m.contains("integer") || is_integer(m)) => of(format!("`{value}` is not a whole number in range")),
         m if m.starts_with("invalid") && (m.contains("floating point") || m.contains("number")) => of(format!("`{value}` is not a number")),
         m if m.starts_with("invalid") && m.contains("bool") => of(format!("`{value}` is neither `true` nor `false`")),
+        m if m.starts_with("data did not match any variant") => of("takes one value or a list, such as `1` or `[1, 4]`".into()),
         m if m.starts_with("tabs disallowed") => "this line is indented with a tab: YAML wants spaces".into(),
         m if m.contains("did not find expected") => {
             format!("the YAML breaks off here ({m}): look for a bracket that is not closed, a comma or a colon, here or on the line before")
@@ -139,54 +140,9 @@ fn word_at(line: &str, column: usize) -> String {
     rest.split([',', '}', ']', '#']).next().unwrap_or_default().trim().to_string()
 }
 
-/// Line and column (from 1) of the key that `path` (`surface.refine[1].box`) ends in; the sections are looked for
-/// one inside the other, in the order in which they stand in the text.
-pub(super) fn locate(text: &str, path: &str) -> Option<(usize, usize)> {
-    let mut at = 0;
-    let mut found = None;
-    for part in path.split('.') {
-        let (key, index) = part.split_once('[').map_or((part, None), |(k, i)| (k, i.trim_end_matches(']').parse::<usize>().ok()));
-        let mut from = at;
-        let begin = loop {
-            let begin = from + text.get(from..)?.find(key)?;
-            let before = text[..begin].chars().next_back();
-            let alone = before.is_none_or(|c| c.is_whitespace() || matches!(c, '{' | ',' | '"' | '\''));
-            let line_start = text[..begin].rfind('\n').map_or(0, |i| i + 1);
-            let comment = text[line_start..begin].contains('#');
-            if alone && !comment && text[begin + key.len()..].trim_start_matches(['"', '\'', ' ']).starts_with(':') {
-                break begin;
-            }
-            from = begin + key.len();
-        };
-        at = begin + key.len();
-        found = Some(begin);
-        // Entries of a block list begin with a dash.
-        if let Some(n) = index
-            && let Some((entry, _)) = text[at..].match_indices("\n").filter(|(i, _)| text[at + i + 1..].trim_start().starts_with('-')).nth(n)
-        {
-            at += entry + 1;
-            found = Some(at + text[at..].find('-').unwrap_or(0));
-        }
-    }
-    let found = found?;
-    let line_start = text[..found].rfind('\n').map_or(0, |i| i + 1);
-    Some((text[..found].matches('\n').count() + 1, text[line_start..found].chars().count() + 1))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn keys_are_found_one_inside_the_other() {
-        let text = "input: {mask: a.nrrd}\n# surface: no\nvolume:\n  growth: 2\nsurface:\n  growth: 9 # growth: 1\n";
-        assert_eq!(locate(text, "volume.growth"), Some((4, 3)));
-        assert_eq!(locate(text, "surface.growth"), Some((6, 3)));
-        assert_eq!(locate("surface: {scale: 9}", "surface.scale"), Some((1, 11)));
-        assert_eq!(locate(text, "gates.max_distance"), None);
-        let list = "openings:\n- {name: a}\n- {name: b}\n";
-        assert_eq!(locate(list, "openings[1]"), Some((3, 1)));
-    }
 
     #[test]
     fn a_beginning_is_enough_to_guess_a_value() {

@@ -1,9 +1,12 @@
 //! The `flow:` section: flow and blood for the solver cases.
 
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt;
 use std::path::PathBuf;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Deserialize, Deserializer, Serialize, de};
 
 /// Flow and blood for the solver cases.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -48,14 +51,101 @@ pub struct InletFlow {
     /// Reynolds number of the mean flow and the hydraulic diameter, at every inlet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reynolds: Option<f64>,
-    /// Flow rate of all inlets together, ml/s, shared by area.
+    /// Flow rate of all inlets together, ml/s, shared by `fractions`, by area where there are none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow_rate: Option<f64>,
     /// Mean velocity at every inlet, m/s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub velocity: Option<f64>,
+    /// Share of each inlet in the flow rate (`flow_rate` or the waveform), by name (`{inlet: 0.6, inlet_right: 0.4}`) or in
+    /// the order of the patch ids; the sum must be 1. Default: by area.
+    #[serde(skip_serializing_if = "Shares::is_empty")]
+    pub fractions: Shares,
     /// Velocity profile.
     pub profile: VelocityProfile,
+}
+
+/// One number for each opening: by name, or a list in the order of the patch ids.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Shares {
+    /// In the order of the patch ids.
+    InOrder(Vec<f64>),
+    /// By name.
+    ByName(BTreeMap<String, f64>),
+}
+
+impl Default for Shares {
+    fn default() -> Self {
+        Shares::InOrder(Vec::new())
+    }
+}
+
+impl Shares {
+    /// Whether there is no number.
+    pub fn is_empty(&self) -> bool {
+        self.values().next().is_none()
+    }
+
+    /// The numbers.
+    pub fn values(&self) -> impl Iterator<Item = f64> + '_ {
+        let (list, map) = match self {
+            Shares::InOrder(list) => (Some(list), None),
+            Shares::ByName(map) => (None, Some(map)),
+        };
+        list.into_iter().flatten().chain(map.into_iter().flat_map(BTreeMap::values)).copied()
+    }
+
+    /// The names, where there are any.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        let map = if let Shares::ByName(map) = self { Some(map) } else { None };
+        map.into_iter().flat_map(BTreeMap::keys).map(String::as_str)
+    }
+}
+
+impl<'de> Deserialize<'de> for Shares {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> de::Visitor<'de> for Either {
+            type Value = Shares;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("numbers by name such as `{outlet_1: 0.6, outlet_2: 0.4}`, or a list of numbers")
+            }
+            fn visit_seq<A: de::SeqAccess<'de>>(self, seq: A) -> Result<Shares, A::Error> {
+                Vec::deserialize(de::value::SeqAccessDeserializer::new(seq)).map(Shares::InOrder)
+            }
+            fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<Shares, A::Error> {
+                BTreeMap::deserialize(de::value::MapAccessDeserializer::new(map)).map(Shares::ByName)
+            }
+        }
+        d.deserialize_any(Either)
+    }
+}
+
+impl JsonSchema for Shares {
+    fn schema_name() -> Cow<'static, str> {
+        "Shares".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let number = json_schema!({ "type": "number" });
+        json_schema!({ "anyOf": [
+            { "type": "array", "items": number },
+            { "type": "object", "additionalProperties": number },
+        ] })
+    }
+}
+
+impl Flow {
+    /// The numbers that are given for openings, with the path of their key.
+    pub(super) fn shares(&self) -> [(&'static str, &Shares); 3] {
+        let o = &self.outlets;
+        [
+            ("flow.inlet.fractions", &self.inlet.fractions),
+            ("flow.outlets.fractions", &o.fractions),
+            ("flow.outlets.resistances", &o.resistances),
+        ]
+    }
 }
 
 /// Velocity profile over the inlet.
@@ -75,10 +165,11 @@ pub enum VelocityProfile {
 pub struct OutletFlow {
     /// Rule of the split.
     pub split: Split,
-    /// With `fractions`: the share of each outlet, in the order of their ids; the sum must be 1.
-    pub fractions: Vec<f64>,
-    /// With `resistance`: the resistance of each outlet, Pa s/m³, in the order of their ids.
-    pub resistances: Vec<f64>,
+    /// With `fractions`: the share of each outlet, by name (`{outlet_1: 0.6, outlet_2: 0.4}`) or in the order of the patch
+    /// ids; of each separate vessel the sum must be 1.
+    pub fractions: Shares,
+    /// With `resistance`: the resistance of each outlet, Pa s/m³, by name or in the order of the patch ids.
+    pub resistances: Shares,
 }
 
 /// Rule by which the outlets share the flow.
@@ -155,6 +246,11 @@ pub enum Viscosity {
     Carreau,
 }
 
+/// A sum without the last digits' noise.
+fn rounded(sum: f64) -> f64 {
+    (sum * 1e6).round() / 1e6
+}
+
 /// What the types of the section cannot say: the key, and what is wrong with it.
 pub(super) fn check(flow: &Flow) -> Result<(), (String, String)> {
     let fail = |key: &str, message: String| Err((format!("flow.{key}"), message));
@@ -186,13 +282,26 @@ pub(super) fn check(flow: &Flow) -> Result<(), (String, String)> {
         if o.split != split && !list.is_empty() {
             return fail(&format!("outlets.{key}"), format!("is used with `split: {word}` only: set it, or remove the list"));
         }
-        if let Some(v) = list.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
+        if let Some(v) = list.values().find(|v| !(v.is_finite() && *v >= 0.0)) {
             return fail(&format!("outlets.{key}"), format!("{v} is no share or resistance: use positive numbers"));
         }
     }
-    let sum: f64 = o.fractions.iter().sum();
-    if o.split == Split::Fractions && !((sum - 1.0).abs() <= 1e-6) {
-        return fail("outlets.fractions", format!("sum to {sum}: they must sum to 1"));
+    // Vessels apart from each other have a whole of their own each.
+    let sum: f64 = o.fractions.values().sum();
+    if o.split == Split::Fractions && !(sum >= 1.0 - 1e-6 && (sum - sum.round()).abs() <= 1e-6) {
+        return fail("outlets.fractions", format!("sum to {}: they must sum to 1", rounded(sum)));
+    }
+    if !i.fractions.is_empty() {
+        if flow.waveform.is_none() && i.flow_rate.is_none() {
+            return fail("inlet.fractions", "share a flow rate among the inlets: give flow.inlet.flow_rate or flow.waveform too".into());
+        }
+        if let Some(v) = i.fractions.values().find(|v| !(v.is_finite() && *v > 0.0)) {
+            return fail("inlet.fractions", format!("{v} is no share: use numbers above 0"));
+        }
+        let sum: f64 = i.fractions.values().sum();
+        if (sum - 1.0).abs() > 1e-6 {
+            return fail("inlet.fractions", format!("sum to {}: they must sum to 1", rounded(sum)));
+        }
     }
     let b = &flow.blood;
     range("blood.density", Some(b.density), 100.0, 20000.0)?;
@@ -237,6 +346,10 @@ mod tests {
             ("blood: {model: casson, exponent: 0.4}", "model: carreau"),
             ("inlet: {flow_rate: -3}", "out of range"),
             ("cycles: 0", "out of range"),
+            ("inlet: {fractions: [0.5, 0.5]}", "flow_rate or flow.waveform"),
+            ("inlet: {flow_rate: 3, fractions: {a: 0.5, b: 0.4}}", "sum to 0.9:"),
+            ("inlet: {flow_rate: 3, fractions: [1, 0]}", "no share"),
+            ("outlets: {split: fractions, fractions: big}", "numbers by name"),
         ] {
             let e = error(flow);
             assert!(e.contains(words), "{flow}: {e}");

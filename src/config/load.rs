@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use super::case::{Case, Labels};
-use super::explain::{explain, locate};
+use super::explain::explain;
 use super::length::Unit;
+use super::place::locate;
 
 /// Why a case file cannot be used.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -77,8 +78,10 @@ pub fn from_text(text: &str, name: &str, overrides: &[String]) -> Result<Case, C
         }
     }
     check(&case).map_err(|(key, message)| {
-        let set = overrides.iter().rfind(|o| o.split('=').next().is_some_and(|k| k.trim() == key));
-        match (set, locate(text, &key)) {
+        let set = overrides.iter().rfind(|o| o.split('=').next().is_some_and(|k| sets(k.trim(), &key)));
+        // A list of planes may stand right under `openings`.
+        let at = || locate(text, &key).or_else(|| locate(text, &key.replacen("openings.planes[", "openings[", 1)));
+        match (set, at()) {
             (Some(o), _) => invalid(format!("--set {o}"), message),
             (None, Some((line, column))) => at_place(name, text, line, column, &format!("{key}: {message}")),
             (None, None) => invalid(name, format!("{key}: {message}")),
@@ -145,26 +148,14 @@ fn apply(value: &mut serde_json::Value, text: &str) -> Result<(), ConfigError> {
     Ok(())
 }
 
-fn first_line(text: &str) -> &str {
-    text.lines().next().unwrap_or_default()
+/// Whether an override of `key` gives what stands at `path`: the same key, or one that holds it.
+fn sets(key: &str, path: &str) -> bool {
+    let path = path.replace('[', ".").replace(']', "");
+    path.strip_prefix(key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
-/// The line of a case file, from 1, that names an opening under `openings:` or `extensions:`.
-pub fn line_of_opening(text: &str, name: &str) -> Option<usize> {
-    let mut under = false;
-    let names = |line: &str| line.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == '-' || c == '.')).any(|word| word == name);
-    for (n, line) in text.lines().enumerate() {
-        let line = line.split(" #").next().unwrap_or_default();
-        let trimmed = line.trim_start();
-        // A key of the outermost level begins a section; items of a list may begin there too.
-        if !trimmed.is_empty() && trimmed.len() == line.len() && !trimmed.starts_with(['-', '#']) {
-            under = trimmed.starts_with("openings:") || trimmed.starts_with("extensions:");
-        }
-        if under && !trimmed.starts_with('#') && names(trimmed) {
-            return Some(n + 1);
-        }
-    }
-    None
+fn first_line(text: &str) -> &str {
+    text.lines().next().unwrap_or_default()
 }
 
 /// File, line and column, and the line itself with a mark under the column.
@@ -263,20 +254,7 @@ fn check(case: &Case) -> Result<(), (String, String)> {
     range("volume.time_limit", case.volume.time_limit, 1.0, 1e7)?;
     range("volume.memory_limit", case.volume.memory_limit, 0.1, 1e5)?;
     super::flow::check(&case.flow)?;
-    for (n, p) in case.openings.planes.iter().enumerate() {
-        let bad = |what: String| fail(&format!("openings[{n}]"), format!("`{}` {what}", p.name));
-        if p.normal.iter().map(|x| x * x).sum::<f64>().sqrt().partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
-            return bad(format!("has the normal {:?}, which has no direction: give the direction out of the vessel", p.normal));
-        }
-        let letters = p.name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '_' | '-'));
-        if !letters || !p.name.starts_with(|c: char| c.is_ascii_lowercase()) || p.name == "wall" {
-            return bad("is no patch name: use lower case letters, digits, `_` and `-`, a letter first, and not `wall`".into());
-        }
-        if case.openings.planes[..n].iter().any(|q| q.name == p.name) {
-            return bad("is there twice: give every opening its own name".into());
-        }
-    }
-    Ok(())
+    super::names::check(case)
 }
 
 #[cfg(test)]
@@ -292,13 +270,6 @@ mod tests {
         let e = error("input: {mask: a.nrrd}\nsurface:\n  edge_lenght: 0.4 mm\n");
         assert!(e.starts_with("case.yaml:3:3: "), "{e}");
         assert!(e.contains("`edge_lenght`") && e.contains("did you mean `edge_length`?"), "{e}");
-    }
-
-    #[test]
-    fn the_line_of_an_opening_is_found_in_every_spelling() {
-        let text = "input: {mask: inlet.nrrd}\nopenings:\n- name: inlet # the outlet\n  center: [1, 2, 3]\n- {name: \"outlet\", center: [0, 0, 0]}\nextensions:\n  openings: {side: 3 D}\n";
-        let lines = ["inlet", "outlet", "side", "let"].map(|name| line_of_opening(text, name));
-        assert_eq!(lines, [Some(3), Some(5), Some(7), None]);
     }
 
     #[test]

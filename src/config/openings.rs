@@ -4,13 +4,13 @@ use std::borrow::Cow;
 use std::fmt;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::{Deserialize, Deserializer, Serialize, de};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 /// A plane that cuts one branch open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OpeningPlane {
-    /// Patch name; `inlet…` makes it an inlet unless `kind` says otherwise.
+    /// Patch name: lower case letters, digits, `_` and `-`, a letter first; `inlet…` makes it an inlet unless `kind` says otherwise.
     pub name: String,
     /// A point on the plane within the branch, LPS mm.
     pub center: [f64; 3],
@@ -48,7 +48,7 @@ pub enum Detect {
 pub struct Rename {
     /// Name that detection gave.
     pub from: String,
-    /// Name to use.
+    /// Name to use; `inlet…` makes it an inlet, `outlet…` an outlet.
     pub to: String,
 }
 
@@ -59,13 +59,61 @@ pub struct OpeningsSection {
     pub detect: Detect,
     /// Planes besides the detected ones; one within two radii of a detected end replaces it.
     pub planes: Vec<OpeningPlane>,
-    /// Names of detected openings to leave closed.
+    /// Names of detected openings to leave closed; the others keep their names.
     pub drop: Vec<String>,
-    /// Other names for detected openings.
+    /// Other names for detected openings; one that begins with `inlet` makes it an inlet, one with `outlet` an outlet.
     pub rename: Vec<Rename>,
-    /// Name of the opening that is the inlet; default: the largest section.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub inlet: Option<String>,
+    /// Name of the opening that is the inlet, or a list of names; default: the largest section.
+    #[serde(skip_serializing_if = "InletNames::is_empty")]
+    pub inlet: InletNames,
+}
+
+/// Names of the openings that are inlets: written as one name or as a list; empty where the case names none.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct InletNames(pub Vec<String>);
+
+impl InletNames {
+    fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+impl Serialize for InletNames {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        match &self.0[..] {
+            [one] => s.serialize_str(one),
+            names => names.serialize(s),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for InletNames {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Names;
+        impl<'de> de::Visitor<'de> for Names {
+            type Value = InletNames;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("the name of an opening, or a list such as `[inlet, outlet_1]`")
+            }
+            fn visit_str<E: de::Error>(self, name: &str) -> Result<InletNames, E> {
+                Ok(InletNames(vec![name.into()]))
+            }
+            fn visit_seq<A: de::SeqAccess<'de>>(self, seq: A) -> Result<InletNames, A::Error> {
+                Vec::deserialize(de::value::SeqAccessDeserializer::new(seq)).map(InletNames)
+            }
+        }
+        d.deserialize_any(Names)
+    }
+}
+
+impl JsonSchema for InletNames {
+    fn schema_name() -> Cow<'static, str> {
+        "InletNames".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }] })
+    }
 }
 
 #[derive(Deserialize, JsonSchema)]
@@ -76,12 +124,12 @@ struct Section {
     detect: Detect,
     /// Planes besides the detected ones; one within two radii of a detected end replaces it.
     planes: Vec<OpeningPlane>,
-    /// Names of detected openings to leave closed.
+    /// Names of detected openings to leave closed; the others keep their names.
     drop: Vec<String>,
-    /// Other names for detected openings.
+    /// Other names for detected openings; one that begins with `inlet` makes it an inlet, one with `outlet` an outlet.
     rename: Vec<Rename>,
-    /// Name of the opening that is the inlet; default: the largest section.
-    inlet: Option<String>,
+    /// Name of the opening that is the inlet, or a list of names; default: the largest section.
+    inlet: InletNames,
 }
 
 impl<'de> Deserialize<'de> for OpeningsSection {

@@ -5,12 +5,14 @@
 
 mod plan;
 mod profile;
+mod shares;
 mod waveform;
 
 use serde::Serialize;
 
 pub use plan::{Condition, FlowPlan, PatchFlow};
 pub use profile::poisson_profile;
+pub use shares::Shares;
 pub use waveform::Waveform;
 
 /// Flow that enters.
@@ -19,7 +21,7 @@ pub use waveform::Waveform;
 pub enum Inflow {
     /// Reynolds number of mean velocity and hydraulic diameter, at every inlet.
     Reynolds(f64),
-    /// Flow rate of all inlets together, m³/s, shared by area.
+    /// Flow rate of all inlets together, m³/s; see [`FlowOptions::inlet_fractions`].
     FlowRate(f64),
     /// Mean velocity at every inlet, m/s.
     Velocity(f64),
@@ -45,10 +47,10 @@ pub enum OutletSplit {
     Murray,
     /// By area.
     Area,
-    /// Shares in the order of the patch ids; they must add up to 1.
-    Fractions(Vec<f64>),
-    /// Pressure = resistance · flow, Pa s/m³, in the order of the patch ids; the solver finds the flow.
-    Resistance(Vec<f64>),
+    /// Shares of each vessel's flow; they must add up to 1.
+    Fractions(Shares),
+    /// Pressure = resistance · flow, Pa s/m³; the solver finds the flow.
+    Resistance(Shares),
     /// Zero pressure at all outlets; the solver finds the flow.
     Pressure,
 }
@@ -104,6 +106,8 @@ impl Viscosity {
 pub struct FlowOptions {
     /// Flow that enters; a waveform replaces it.
     pub inflow: Inflow,
+    /// Shares of the inlets in a flow rate; by area where `None`.
+    pub inlet_fractions: Option<Shares>,
     /// Velocity profile at inlets.
     pub profile: Profile,
     /// How outlets share the flow.
@@ -127,6 +131,7 @@ impl Default for FlowOptions {
     fn default() -> Self {
         FlowOptions {
             inflow: Inflow::Reynolds(300.0),
+            inlet_fractions: None,
             profile: Profile::Parabolic,
             split: OutletSplit::Murray,
             viscosity: Viscosity::Newtonian { mu: 3.498e-3 },
@@ -145,18 +150,47 @@ pub enum FlowError {
     /// Nothing enters or nothing leaves.
     #[error("the mesh has no {0}: flow needs at least one inlet and one outlet; give openings in the case file")]
     NoOpening(&'static str),
-    /// The number of values is not the number of outlets.
-    #[error("{given} {what} are given for {outlets} outlets: give one for each, in the order of the patch ids")]
+    /// The number of values is not the number of openings.
+    #[error("{given} {what} are given for {openings} {kind}s: give one for each, in the order of the patch ids ({known})")]
     Count {
         /// Fractions or resistances.
         what: &'static str,
         /// Number of values.
         given: usize,
-        /// Number of outlets.
-        outlets: usize,
+        /// Number of openings of that kind.
+        openings: usize,
+        /// Inlet or outlet.
+        kind: &'static str,
+        /// Their names.
+        known: String,
     },
+    /// A value for an opening that there is not.
+    #[error("{what}: there is no {kind} `{name}`: there are {known}")]
+    Unknown {
+        /// Fractions or resistances.
+        what: &'static str,
+        /// Inlet or outlet.
+        kind: &'static str,
+        /// As given.
+        name: String,
+        /// Names of that kind.
+        known: String,
+    },
+    /// An opening without a value.
+    #[error("{what}: there is none for the {kind} `{name}`: give one for each")]
+    Missing {
+        /// Fractions or resistances.
+        what: &'static str,
+        /// Inlet or outlet.
+        kind: &'static str,
+        /// The opening.
+        name: String,
+    },
+    /// Shares of inlets without a flow rate to share.
+    #[error("fractions of the inlets share a flow rate, and none is given: give a flow rate or a waveform")]
+    NothingToShare,
     /// Fractions that do not share one whole.
-    #[error("the outlet fractions of a vessel add up to {0}: they must be positive and add up to 1")]
+    #[error("the fractions of a vessel's outlets, or of all inlets, add up to {0}: they must be positive and add up to 1")]
     Fractions(f64),
     /// A number out of its range.
     #[error("{what} is {value}: it must be positive")]
@@ -177,6 +211,16 @@ pub enum FlowError {
         /// What is wrong.
         what: &'static str,
     },
+}
+
+impl FlowError {
+    /// Name of the opening at fault, as the case gives it.
+    pub fn opening(&self) -> Option<&str> {
+        match self {
+            FlowError::Unknown { name, .. } => Some(name),
+            _ => None,
+        }
+    }
 }
 
 #[cfg(test)]

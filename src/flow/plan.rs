@@ -207,12 +207,25 @@ fn inflow(options: &FlowOptions, nu: f64, openings: &mut [PatchFlow]) -> Result<
     if !(value > 0.0 && value.is_finite()) {
         return Err(FlowError::NotPositive { what: "the flow at the inlet", value });
     }
+    let shares = match (&options.inlet_fractions, given) {
+        (None, _) => openings.iter().map(|o| o.area / all).collect(),
+        (Some(shares), Inflow::FlowRate(_)) => {
+            let f = shares.of("fractions", &names(openings), PatchKind::Inlet)?;
+            let sum: f64 = f.iter().sum();
+            let positive = openings.iter().zip(&f).all(|(o, x)| o.kind != PatchKind::Inlet || *x > 0.0);
+            if !positive || (sum - 1.0).abs() > 1e-6 {
+                return Err(FlowError::Fractions(sum));
+            }
+            f
+        }
+        (Some(_), _) => return Err(FlowError::NothingToShare),
+    };
     let mut total = 0.0;
-    for o in openings.iter_mut().filter(|o| o.kind == PatchKind::Inlet) {
+    for (o, share) in openings.iter_mut().zip(shares).filter(|(o, _)| o.kind == PatchKind::Inlet) {
         let area = o.area * 1e-6;
         let q = match given {
             Inflow::Reynolds(re) => re * nu / (o.hydraulic_diameter * 1e-3) * area,
-            Inflow::FlowRate(q) => q * o.area / all,
+            Inflow::FlowRate(q) => q * share,
             Inflow::Velocity(v) => v * area,
         };
         o.flow = Some(q);
@@ -240,38 +253,36 @@ fn vessels(mesh: &impl FaceMesh) -> Vec<usize> {
 
 /// What the outlets share the flow by, for every opening; 0 at inlets and where the solver finds the flow.
 fn weights(options: &FlowOptions, openings: &[PatchFlow]) -> Result<Vec<f64>, FlowError> {
-    let outlets = openings.iter().filter(|o| o.kind == PatchKind::Outlet).count();
-    let count = |what, given: usize| if given == outlets { Ok(()) } else { Err(FlowError::Count { what, given, outlets }) };
-    let by_outlet = |f: &dyn Fn(usize, &PatchFlow) -> f64| {
-        let mut n = 0;
-        let mut weight = |o: &PatchFlow| {
-            if o.kind != PatchKind::Outlet {
-                return 0.0;
-            }
-            n += 1;
-            f(n - 1, o)
-        };
-        openings.iter().map(&mut weight).collect()
+    let names = names(openings);
+    let by_outlet = |f: &dyn Fn(&PatchFlow) -> f64| {
+        openings.iter().map(|o| if o.kind == PatchKind::Outlet { f(o) } else { 0.0 }).collect()
+    };
+    let of_outlets = |values: &[f64], fits: &dyn Fn(f64) -> bool| {
+        openings.iter().zip(values).find(|(o, v)| o.kind == PatchKind::Outlet && !fits(**v)).map(|(_, v)| *v)
     };
     Ok(match &options.split {
-        OutletSplit::Murray => by_outlet(&|_, o| o.hydraulic_diameter.powi(3)),
-        OutletSplit::Area => by_outlet(&|_, o| o.area),
-        OutletSplit::Fractions(f) => {
-            count("fractions", f.len())?;
-            if let Some(&bad) = f.iter().find(|&&x| !(x > 0.0)) {
+        OutletSplit::Murray => by_outlet(&|o| o.hydraulic_diameter.powi(3)),
+        OutletSplit::Area => by_outlet(&|o| o.area),
+        OutletSplit::Fractions(shares) => {
+            let f = shares.of("fractions", &names, PatchKind::Outlet)?;
+            if let Some(bad) = of_outlets(&f, &|x| x > 0.0) {
                 return Err(FlowError::Fractions(bad.min(f.iter().sum())));
             }
-            by_outlet(&|n, _| f[n])
+            f
         }
-        OutletSplit::Resistance(r) => {
-            count("resistances", r.len())?;
-            if let Some(&value) = r.iter().find(|&&x| !(x >= 0.0 && x.is_finite())) {
+        OutletSplit::Resistance(shares) => {
+            let r = shares.of("resistances", &names, PatchKind::Outlet)?;
+            if let Some(value) = of_outlets(&r, &|x| x >= 0.0 && x.is_finite()) {
                 return Err(FlowError::NotPositive { what: "an outlet's resistance", value });
             }
-            by_outlet(&|n, _| r[n])
+            r
         }
         OutletSplit::Pressure => vec![0.0; openings.len()],
     })
+}
+
+fn names(openings: &[PatchFlow]) -> Vec<(&str, PatchKind)> {
+    openings.iter().map(|o| (o.name.as_str(), o.kind)).collect()
 }
 
 /// Shares what enters a vessel among its outlets, by their weights.
@@ -311,7 +322,7 @@ fn hold(own: &mut [(&mut PatchFlow, f64)]) {
 #[cfg(test)]
 mod tests {
     use super::super::testing::cube;
-    use super::super::{Viscosity, Waveform};
+    use super::super::{Shares, Viscosity, Waveform};
     use super::*;
     use crate::mesh::faces::FaceList;
 
@@ -322,7 +333,7 @@ mod tests {
 
     #[test]
     fn the_largest_outlet_takes_what_the_others_leave() {
-        let options = FlowOptions { split: OutletSplit::Fractions(vec![0.25, 0.75]), inflow: Inflow::FlowRate(4e-6), ..FlowOptions::default() };
+        let options = FlowOptions { split: OutletSplit::Fractions(vec![0.25, 0.75].into()), inflow: Inflow::FlowRate(4e-6), ..FlowOptions::default() };
         let p = plan(&options, 3.0).expect("a plan");
         let rows: Vec<_> = p.openings.iter().map(|o| (o.name.as_str(), o.condition, o.flow.unwrap_or(0.0))).collect();
         assert_eq!(rows, [("inlet", Condition::Inflow, 4e-6), ("outlet_1", Condition::Outflow, 1e-6), ("outlet_2", Condition::Pressure, 3e-6)]);
@@ -349,16 +360,42 @@ mod tests {
             assert_eq!(own.iter().filter(|o| o.condition == Condition::Pressure).count(), 1, "each vessel needs one pressure to start from");
         }
         // Fractions are of each vessel's own flow.
-        let split = |f: Vec<f64>| FlowPlan::resolve(&FlowOptions { split: OutletSplit::Fractions(f), ..FlowOptions::default() }, &faces);
+        let split = |f: Vec<f64>| FlowPlan::resolve(&FlowOptions { split: OutletSplit::Fractions(f.into()), ..FlowOptions::default() }, &faces);
         assert!(split(vec![0.25, 0.75, 0.5, 0.5]).is_ok() && split(vec![0.25, 0.25, 0.25, 0.25]).is_err());
     }
 
     #[test]
     fn a_resistance_or_fraction_for_every_outlet_is_wanted() {
-        for split in [OutletSplit::Resistance(vec![1e9]), OutletSplit::Fractions(vec![1.0])] {
+        for split in [OutletSplit::Resistance(vec![1e9].into()), OutletSplit::Fractions(vec![1.0].into())] {
             let e = plan(&FlowOptions { split, ..FlowOptions::default() }, 3.0).expect_err("one number for two outlets").to_string();
             assert!(e.contains("for 2 outlets"), "{e}");
         }
+    }
+
+    #[test]
+    fn inlets_share_a_flow_rate_by_area_or_as_given() {
+        let mut mesh = cube(3.0);
+        mesh.patches[2] = crate::mesh::Patch { id: 3, name: "inlet_right".into(), kind: PatchKind::Inlet };
+        let faces = FaceList::build(&mesh).expect("conforms");
+        let by = |pairs: &[(&str, f64)]| Shares::ByName(pairs.iter().map(|(n, v)| (n.to_string(), *v)).collect());
+        let plan = |shares, inflow| {
+            let options = FlowOptions { inlet_fractions: shares, inflow, ..FlowOptions::default() };
+            let flows = |p: FlowPlan| p.openings.iter().map(|o| o.flow.unwrap_or(0.0) * 1e6).collect::<Vec<_>>();
+            FlowPlan::resolve(&options, &faces).map(flows)
+        };
+        let rate = Inflow::FlowRate(3e-6);
+        let near = |a: Result<Vec<f64>, FlowError>, b: [f64; 3]| {
+            let a = a.expect("a plan");
+            assert!(a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-9), "{a:?} {b:?}");
+        };
+        near(plan(None, rate), [1.5, 1.5, 3.0]);
+        near(plan(Some(by(&[("inlet_right", 0.2), ("inlet", 0.8)])), rate), [2.4, 0.6, 3.0]);
+        near(plan(Some(vec![0.25, 0.75].into()), rate), [0.75, 2.25, 3.0]);
+        let e = plan(Some(by(&[("inlet", 0.5), ("left", 0.5)])), rate).expect_err("unknown").to_string();
+        assert!(e.contains("no inlet `left`: there are inlet, inlet_right"), "{e}");
+        assert!(matches!(plan(Some(by(&[("inlet", 1.0)])), rate), Err(FlowError::Missing { .. })));
+        assert!(matches!(plan(Some(vec![0.5, 0.6].into()), rate), Err(FlowError::Fractions(_))));
+        assert_eq!(plan(Some(vec![0.5, 0.5].into()), Inflow::Velocity(0.1)), Err(FlowError::NothingToShare));
     }
 
     #[test]

@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn the_journal_reads_checks_and_sets_blood_and_every_opening() {
-        let options = FlowOptions { split: OutletSplit::Fractions(vec![0.25, 0.75]), ..FlowOptions::default() };
+        let options = FlowOptions { split: OutletSplit::Fractions(vec![0.25, 0.75].into()), ..FlowOptions::default() };
         let (journal, profile) = files(&options);
         let lines: Vec<&str> = journal.lines().filter(|l| !l.starts_with(';')).collect();
         assert!(lines.iter().all(|l| l.starts_with('/')), "{journal}");
@@ -185,7 +185,7 @@ mod tests {
     fn resistances_other_fluids_and_beats_are_expressions_and_tables() {
         let wave = Waveform { times: vec![0.0, 0.8], flow: vec![2e-6, 2e-6] };
         let options = FlowOptions {
-            split: OutletSplit::Resistance(vec![1e9, 2e9]),
+            split: OutletSplit::Resistance(vec![1e9, 2e9].into()),
             viscosity: Viscosity::CARREAU,
             waveform: Some(wave),
             inflow: Inflow::Reynolds(1.0),

@@ -18,9 +18,14 @@ const CM: f64 = 0.1;
 /// `GlobalNodeID` and `GlobalElementID` are Int32 and count from 1; on faces `GlobalElementID` is the cell behind
 /// the face. `ModelFaceID` is the patch id, `ModelRegionID` is 1.
 ///
+/// The solver's reader takes one kind of cells: split prisms first ([`prisms`](crate::mesh::split::prisms)).
+///
 /// # Errors
-/// What the system returns; files already written stay.
+/// A mesh with prisms is refused; else what the system returns; files already written stay.
 pub fn write(folder: &Path, mesh: &VolumeMesh, faces: &FaceList<'_>) -> io::Result<()> {
+    if !mesh.prisms.is_empty() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "SimVascular takes tetrahedra only: split the prisms first"));
+    }
     create_dir_all(folder.join("mesh-surfaces"))?;
     let create = |name: &str| File::create(folder.join(name)).map(BufWriter::new);
     let int = |name: &str, v: Vec<i32>| Array::scalars(name, Values::I32(v));
@@ -28,7 +33,7 @@ pub fn write(folder: &Path, mesh: &VolumeMesh, faces: &FaceList<'_>) -> io::Resu
     let extra = Extra {
         point: vec![int("GlobalNodeID", (1..=np).collect())],
         cell: vec![int("GlobalElementID", (1..=nc as i32).collect()), int("ModelRegionID", vec![1; nc])],
-        text: vec![],
+        ..Extra::default()
     };
     let mut file = create("mesh-complete.mesh.vtu")?;
     vtu::write_cells(&mut file, mesh, CM, false, &extra)?;
@@ -47,7 +52,7 @@ pub fn write(folder: &Path, mesh: &VolumeMesh, faces: &FaceList<'_>) -> io::Resu
                 int("ModelFaceID", list.iter().map(|l| l.1).collect()),
                 int("ModelRegionID", vec![1; list.len()]),
             ],
-            text: vec![],
+            ..Extra::default()
         };
         let mut file = create(name)?;
         vtp::write_cells(&mut file, &points, CM, false, &cells, &extra)?;

@@ -85,12 +85,31 @@ pub(super) fn poly_data(bytes: &[u8]) -> Result<TriMesh, String> {
 /// The field data `PatchNames` that our own files carry.
 fn names(file: &File) -> Vec<(u32, String)> {
     let tag = file.tags.iter().find(|t| t.name == "Array" && attribute(t.text, "Name") == Some("PatchNames"));
-    let Some(tag) = tag.filter(|t| attribute(t.text, "format") == Some("ascii")) else { return vec![] };
+    let Some(tag) = tag.filter(|t| attribute(t.text, "format") == Some("ascii")) else { return numbered_names(file) };
     let rest = &file.bytes[tag.end..];
     let text = String::from_utf8_lossy(&rest[..rest.iter().position(|&b| b == b'<').unwrap_or(rest.len())]).into_owned();
     let codes: Vec<u8> = text.split_whitespace().filter_map(|w| w.parse().ok()).collect();
     let split = codes.split(|&c| c == 0).map(|s| String::from_utf8_lossy(s).into_owned());
     split.filter_map(|s| s.split_once(' ').and_then(|(i, n)| Some((i.parse().ok()?, n.to_string())))).collect()
+}
+
+/// Names as field data in numbers: an array of a patch's name holds its id and the dimension 2.
+fn numbered_names(file: &File) -> Vec<(u32, String)> {
+    let field = file.tags.iter().skip_while(|t| t.name != "FieldData").skip(1);
+    let pairs = field.take_while(|t| t.name == "DataArray" || t.text.starts_with("/DataArray"));
+    pairs
+        .filter(|t| t.name == "DataArray")
+        .filter_map(|tag| {
+            let mut numbers = vec![];
+            file.values(tag, |x| {
+                numbers.push(x);
+                if numbers.len() > 2 { Err("too long".into()) } else { Ok(()) }
+            })
+            .ok()?;
+            let id = numbers.first().filter(|id| numbers.len() == 2 && numbers[1] == 2.0 && **id >= 0.0)?;
+            Some((*id as u32, attribute(tag.text, "Name")?.to_string()))
+        })
+        .collect()
 }
 
 /// Reads a volume mesh, or a surface where there are only triangles and other polygons; boundary faces among the cells

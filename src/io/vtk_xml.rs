@@ -43,6 +43,19 @@ impl Values {
         }
     }
 
+    /// The values in digits.
+    fn ascii(&self) -> String {
+        fn join<T: ToString>(v: &[T]) -> String {
+            v.iter().map(T::to_string).collect::<Vec<_>>().join(" ")
+        }
+        match self {
+            Values::F64(v) => join(v),
+            Values::I32(v) => join(v),
+            Values::I64(v) => join(v),
+            Values::U8(v) => join(v),
+        }
+    }
+
     fn write(&self, w: &mut dyn Write) -> io::Result<()> {
         fn put<T: Copy, const N: usize>(w: &mut dyn Write, v: &[T], f: impl Fn(T) -> [u8; N]) -> io::Result<()> {
             let mut buffer = Vec::with_capacity(N * v.len().min(1 << 16));
@@ -81,6 +94,13 @@ impl Array {
         Array { name: name.into(), components: 1, values }
     }
 
+    /// Type, name and components as attributes. Scalars say no number of components: meshio makes columns of them then.
+    fn head(&self) -> String {
+        let (kind, _) = self.values.kind();
+        let components = if self.components == 1 { String::new() } else { format!(" NumberOfComponents=\"{}\"", self.components) };
+        format!("type=\"{kind}\" Name=\"{}\"{components}", escape(&self.name))
+    }
+
     /// An array of vectors.
     pub fn vectors(name: &str, values: Vec<f64>) -> Array {
         Array { name: name.into(), components: 3, values: Values::F64(values) }
@@ -94,8 +114,15 @@ pub struct Extra {
     pub point: Vec<Array>,
     /// One tuple a cell.
     pub cell: Vec<Array>,
-    /// Field data: a name and its texts.
+    /// Field data in numbers. Every reader takes it; some, such as meshio's, stop at texts.
+    pub field: Vec<Array>,
+    /// Field data in texts: for PolyData only.
     pub text: Vec<(String, Vec<String>)>,
+}
+
+/// Field data that says units and frame in numbers: `MetresPerUnit` 0.001, `CoordinatesLPS` 1.
+pub(super) fn millimetres() -> Vec<Array> {
+    vec![Array::scalars("MetresPerUnit", Values::F64(vec![0.001])), Array::scalars("CoordinatesLPS", Values::I32(vec![1]))]
 }
 
 pub(super) fn escape(s: &str) -> String {
@@ -121,7 +148,9 @@ pub(super) struct Piece<'a> {
     pub kind: &'static str,
     /// Attributes of the piece: number of points and so on.
     pub counts: Vec<(&'static str, usize)>,
-    /// Field data.
+    /// Field data in numbers, written in the XML itself.
+    pub field: &'a [Array],
+    /// Field data in texts.
     pub text: &'a [(String, Vec<String>)],
     /// Sections in VTK's order with their arrays.
     pub sections: Vec<(Section, Vec<&'a Array>)>,
@@ -134,8 +163,13 @@ impl Piece<'_> {
         writeln!(w, "<?xml version=\"1.0\"?>")?;
         writeln!(w, "<VTKFile type=\"{kind}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">")?;
         writeln!(w, "<{kind}>")?;
-        if !self.text.is_empty() {
+        if !(self.text.is_empty() && self.field.is_empty()) {
             writeln!(w, "<FieldData>")?;
+            for a in self.field {
+                let tuples = a.values.len() / a.components.max(1);
+                writeln!(w, "<DataArray {} NumberOfTuples=\"{tuples}\" format=\"ascii\">", a.head())?;
+                writeln!(w, "{}\n</DataArray>", a.values.ascii())?;
+            }
             for (name, texts) in self.text {
                 writeln!(w, "<Array type=\"String\" Name=\"{}\" NumberOfTuples=\"{}\" format=\"ascii\">", escape(name), texts.len())?;
                 for t in texts {
@@ -163,14 +197,8 @@ impl Piece<'_> {
             };
             writeln!(w, "<{name}>")?;
             for a in arrays {
-                let (t, size) = a.values.kind();
-                writeln!(
-                    w,
-                    "<DataArray type=\"{t}\" Name=\"{}\" NumberOfComponents=\"{}\" format=\"appended\" offset=\"{offset}\"/>",
-                    escape(&a.name),
-                    a.components
-                )?;
-                offset += 8 + a.values.len() * size;
+                writeln!(w, "<DataArray {} format=\"appended\" offset=\"{offset}\"/>", a.head())?;
+                offset += 8 + a.values.len() * a.values.kind().1;
             }
             writeln!(w, "</{name}>")?;
         }

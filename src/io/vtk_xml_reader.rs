@@ -127,7 +127,8 @@ impl<'a> File<'a> {
         if found { Ok(out) } else { Err(format!("{section} has no {name}")) }
     }
 
-    fn values(&self, tag: &Tag, mut put: impl FnMut(f64) -> Result<(), String>) -> Result<(), String> {
+    /// Hands every value of one array to `put`.
+    pub fn values(&self, tag: &Tag, mut put: impl FnMut(f64) -> Result<(), String>) -> Result<(), String> {
         let kind = attribute(tag.text, "type").ok_or("no type")?;
         let inline = || {
             let rest = &self.bytes[tag.end..];

@@ -43,6 +43,7 @@ fn write_connected(
             ("NumberOfStrips", 0),
             ("NumberOfPolys", if lines { 0 } else { n }),
         ],
+        field: &extra.field,
         text: &extra.text,
         sections: vec![
             (Section::PointData, extra.point.iter().collect()),
@@ -71,7 +72,8 @@ fn labels(patches: &[Patch]) -> Vec<(String, Vec<String>)> {
 /// What the writer returns.
 pub fn write_surface(w: &mut dyn Write, mesh: &TriMesh, extra: &Extra) -> io::Result<()> {
     let s: Vec<f64> = (0..mesh.triangles.len()).into_par_iter().map(|t| equi_angle_skewness(mesh.corners(t))).collect();
-    let mut all = Extra { point: extra.point.clone(), cell: vec![], text: labels(&mesh.patches) };
+    let mut all = Extra { point: extra.point.clone(), text: labels(&mesh.patches), ..Extra::default() };
+    all.field.extend(extra.field.iter().cloned());
     all.cell.push(Array::scalars("PatchId", Values::I32(mesh.patch.iter().map(|&p| p as i32).collect())));
     all.cell.push(Array::scalars("EquiAngleSkewness", Values::F64(s)));
     all.cell.extend(extra.cell.iter().cloned());
@@ -95,6 +97,7 @@ pub fn write_boundary(w: &mut dyn Write, mesh: &VolumeMesh) -> io::Result<()> {
             Array::scalars("PatchId", Values::I32(patch.clone())),
             Array::scalars("CellEntityIds", Values::I32(patch)),
         ],
+        field: vec![],
         text: labels(&mesh.patches),
     };
     write_cells(w, &points, 1.0, false, &cells, &extra)
@@ -146,6 +149,7 @@ pub fn write_centerlines(w: &mut dyn Write, lines: &Centerlines) -> io::Result<(
             int("Blanking", vec![0; cells.len()]),
             int("ComponentId", lines.branches.iter().map(|b| b.component as i32).collect()),
         ],
+        field: vec![],
         text: vec![("Units".into(), vec!["mm".into()]), ("CoordinateSystem".into(), vec!["LPS".into()])],
     };
     write_cells(w, &points, 1.0, true, &cells, &extra)

@@ -6,6 +6,7 @@ pub mod faces;
 pub mod holes;
 pub mod intersect;
 pub mod regions;
+pub mod split;
 #[cfg(test)]
 pub(crate) mod test_shapes;
 pub mod topology;

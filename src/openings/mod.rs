@@ -7,6 +7,7 @@ mod cut;
 mod detect;
 mod extend;
 mod names;
+mod naming;
 mod refine;
 mod rims;
 mod section;

@@ -2,6 +2,7 @@
 //!
 //! Within a component the largest section of the mask is `inlet`; the others are `outlet_1`, `outlet_2`… by falling
 //! section area, ties by position. The openings of the second component are `c2_inlet`, `c2_outlet_1`… and so on.
+//! A name that the user did not touch stays with its vessel, whatever becomes of the others: numbers are not closed up.
 //! Ids: the wall is 1, then all inlets, then all outlets, each by component and then by area.
 
 use std::cmp::Ordering;
@@ -47,31 +48,66 @@ pub(super) fn choose_inlets(list: &mut [Sized]) {
     }
 }
 
-/// Gives every opening its name and id; they come back by id.
+/// Inlet or outlet, where a name says so: `inlet…`, `outlet…`, with or without the component's `c2_`.
+pub(super) fn kind_of(name: &str) -> Option<PatchKind> {
+    let component = name.strip_prefix('c').and_then(|n| n.split_once('_')).filter(|(n, _)| n.bytes().all(|b| b.is_ascii_digit()));
+    let own = component.map_or(name, |(_, own)| own);
+    match own {
+        n if n.starts_with("inlet") => Some(PatchKind::Inlet),
+        n if n.starts_with("outlet") => Some(PatchKind::Outlet),
+        _ => None,
+    }
+}
+
+/// Gives found openings their names and ids; they come back by id.
 pub(super) fn assign(mut list: Vec<Sized>) -> Vec<Opening> {
     list.sort_by(order);
-    let taken: Vec<String> = list.iter().filter(|s| s.fixed).map(|s| s.opening.name.clone()).collect();
+    let mut taken: Vec<String> = list.iter().filter(|s| s.fixed).map(|s| s.opening.name.clone()).collect();
+    for s in list.iter_mut().filter(|s| !s.fixed) {
+        s.opening.name = free(s.opening.kind, s.opening.component, &taken);
+        taken.push(s.opening.name.clone());
+    }
+    numbered(list)
+}
+
+/// Ids for openings that have their names; only names that contradict what the opening has become are replaced: by
+/// one that is free and that no opening of `found` had.
+pub(super) fn keep(mut list: Vec<Sized>, found: &[String]) -> Vec<Opening> {
+    list.sort_by(order);
+    let contradicts = |s: &Sized| !s.fixed && kind_of(&s.opening.name).is_some_and(|kind| kind != s.opening.kind);
+    let mut taken: Vec<String> = list.iter().filter(|s| !contradicts(s)).map(|s| s.opening.name.clone()).collect();
+    for s in list.iter_mut().filter(|s| contradicts(s)) {
+        let new = match s.opening.kind {
+            // Who makes an end the inlet wants it called so.
+            PatchKind::Inlet => free(s.opening.kind, s.opening.component, &taken),
+            _ => free(s.opening.kind, s.opening.component, &[&taken[..], found].concat()),
+        };
+        taken.push(new.clone());
+        s.opening.name = new;
+    }
+    numbered(list)
+}
+
+/// The first name of its kind that is not taken.
+fn free(kind: PatchKind, component: u32, taken: &[String]) -> String {
+    let mut number = 1;
+    loop {
+        let name = name(kind, component, number);
+        if !taken.contains(&name) {
+            return name;
+        }
+        number += 1;
+    }
+}
+
+/// The openings of an ordered list with their ids: inlets, then outlets.
+fn numbered(list: Vec<Sized>) -> Vec<Opening> {
     let mut out = Vec::with_capacity(list.len());
     let mut id = WALL;
     for kind in [PatchKind::Inlet, PatchKind::Outlet] {
-        let mut counter = (u32::MAX, 0);
         for s in list.iter().filter(|s| s.opening.kind == kind) {
-            let mut o = s.opening.clone();
             id += 1;
-            o.id = id;
-            if counter.0 != o.component {
-                counter = (o.component, 0);
-            }
-            if !s.fixed {
-                loop {
-                    counter.1 += 1;
-                    o.name = name(kind, o.component, counter.1);
-                    if !taken.contains(&o.name) {
-                        break;
-                    }
-                }
-            }
-            out.push(o);
+            out.push(Opening { id, ..s.opening.clone() });
         }
     }
     out
@@ -83,5 +119,63 @@ fn name(kind: PatchKind, component: u32, number: u32) -> String {
         PatchKind::Inlet if number == 1 => format!("{prefix}inlet"),
         PatchKind::Inlet => format!("{prefix}inlet_{number}"),
         _ => format!("{prefix}outlet_{number}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Plane;
+    use crate::openings::FoundBy;
+
+    fn found(component: u32, areas: &[f64]) -> Vec<Sized> {
+        let one = |(n, area): (usize, &f64)| {
+            let plane = Plane::new([n as f64, 0.0, 0.0].into(), [0.0, 0.0, 1.0].into()).expect("a plane");
+            let opening = Opening {
+                id: 0,
+                name: String::new(),
+                kind: PatchKind::Outlet,
+                plane,
+                radius: 1.0,
+                found_by: FoundBy::BluntEnd,
+                confidence: 1.0,
+                component,
+            };
+            Sized { opening, area: *area, fixed: false }
+        };
+        areas.iter().enumerate().map(one).collect()
+    }
+
+    fn names(openings: &[Opening]) -> Vec<(&str, u32)> {
+        openings.iter().map(|o| (o.name.as_str(), o.id)).collect()
+    }
+
+    #[test]
+    fn found_openings_are_named_by_falling_area_within_their_component() {
+        let mut list = found(0, &[3.0, 9.0, 5.0]);
+        list.extend(found(1, &[1.0, 2.0]));
+        choose_inlets(&mut list);
+        let expected = [("inlet", 2), ("c2_inlet", 3), ("outlet_1", 4), ("outlet_2", 5), ("c2_outlet_1", 6)];
+        assert_eq!(names(&assign(list)), expected);
+    }
+
+    #[test]
+    fn a_name_says_what_an_opening_is() {
+        let kinds = ["inlet", "inlet_left", "c12_inlet", "c2_outlet_1", "outlet", "carotid_inlet", "va"].map(kind_of);
+        let (i, o) = (Some(PatchKind::Inlet), Some(PatchKind::Outlet));
+        assert_eq!(kinds, [i, i, i, o, o, None, None]);
+    }
+
+    #[test]
+    fn only_what_contradicts_its_name_is_named_anew() {
+        let mut list = found(0, &[9.0, 5.0, 4.0, 3.0]);
+        for (s, name) in list.iter_mut().zip(["inlet", "outlet_1", "outlet_2", "outlet_3"]) {
+            s.opening.name = name.into();
+        }
+        let before: Vec<String> = list.iter().map(|s| s.opening.name.clone()).collect();
+        list.remove(2);
+        // outlet_1 has become the inlet.
+        list[1].opening.kind = PatchKind::Inlet;
+        assert_eq!(names(&keep(list, &before)), [("inlet", 2), ("outlet_4", 3), ("outlet_3", 4)]);
     }
 }

@@ -90,14 +90,88 @@ fn tube() -> (Mask, crate::centerline::Centerlines, Vec<Opening>) {
 fn names_and_ids_follow_the_contract_and_the_user() {
     let (mask, lines, found) = tube();
     assert_eq!(found.iter().map(|o| (o.id, o.name.as_str())).collect::<Vec<_>>(), [(2, "inlet"), (3, "outlet_1")]);
-    let user = UserOpenings { inlet: Some("outlet_1".into()), ..UserOpenings::default() };
+    let user = UserOpenings { inlets: vec!["outlet_1".into()], ..UserOpenings::default() };
     let (turned, _) = apply_user(&mask, &lines, found.clone(), &user).unwrap();
     assert_eq!((turned[0].name.as_str(), turned[0].plane.origin), ("inlet", found[1].plane.origin));
+    assert_eq!((turned[1].name.as_str(), turned[1].plane.origin), ("outlet_2", found[0].plane.origin));
     let user = UserOpenings { rename: vec![("outlet_1".into(), "distal".into())], ..UserOpenings::default() };
     let (renamed, _) = apply_user(&mask, &lines, found.clone(), &user).unwrap();
     assert_eq!((renamed[1].name.as_str(), renamed[1].id), ("distal", 3));
     let user = UserOpenings { drop: vec!["outlet_7".into()], ..UserOpenings::default() };
     assert!(matches!(apply_user(&mask, &lines, found, &user), Err(UserError::UnknownName { .. })));
+}
+
+/// A trunk of radius 3 that ends in four branches, largest first.
+fn four_outlets() -> (Mask, crate::centerline::Centerlines, Vec<Opening>) {
+    let (mask, lines, found) = tube();
+    let one = |n: usize, name: &str, kind, shift: f64| {
+        let mut o = found[usize::from(n > 0)].clone();
+        o.plane.origin += o.plane.normal * -shift;
+        Opening { id: n as u32 + 2, name: name.into(), kind, ..o }
+    };
+    let out = PatchKind::Outlet;
+    let all = vec![
+        one(0, "inlet", PatchKind::Inlet, 0.0),
+        one(1, "outlet_1", out, 0.0),
+        one(2, "outlet_2", out, 3.0),
+        one(3, "outlet_3", out, 6.0),
+    ];
+    (mask, lines, all)
+}
+
+#[test]
+fn names_that_nobody_touched_stay_with_their_vessel() {
+    let (mask, lines, found) = four_outlets();
+    let place = |list: &[Opening], name: &str| list.iter().find(|o| o.name == name).map(|o| o.plane.origin);
+    let apply = |user: UserOpenings| apply_user(&mask, &lines, found.clone(), &user).map(|r| r.0);
+    let rename = |pairs: &[(&str, &str)]| pairs.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect::<Vec<_>>();
+    let users = [
+        (UserOpenings { rename: rename(&[("outlet_1", "va_right")]), ..Default::default() }, &["inlet", "outlet_2", "outlet_3"][..]),
+        (UserOpenings { drop: vec!["outlet_1".into()], ..Default::default() }, &["inlet", "outlet_2", "outlet_3"]),
+        // One of them is the inlet then.
+        (UserOpenings { drop: vec!["inlet".into()], ..Default::default() }, &[]),
+        (UserOpenings { inlets: vec!["outlet_2".into()], ..Default::default() }, &["outlet_1", "outlet_3"]),
+        (UserOpenings { inlets: vec!["inlet".into(), "outlet_2".into()], ..Default::default() }, &["inlet", "outlet_1", "outlet_3"]),
+        (UserOpenings { rename: rename(&[("outlet_1", "inlet_right")]), ..Default::default() }, &["outlet_2", "outlet_3"]),
+    ];
+    for (user, untouched) in users {
+        let list = apply(user.clone()).expect("openings");
+        for name in untouched {
+            assert_eq!(place(&list, name), place(&found, name), "{name}: {user:?}");
+        }
+        for o in &list {
+            let same = place(&found, &o.name).is_none_or(|p| o.name == "inlet" || p == o.plane.origin);
+            assert!(same, "{o:?}: {user:?}");
+            assert!(!o.name.starts_with("inlet") || o.kind == PatchKind::Inlet, "{o:?}");
+            assert!(!o.name.starts_with("outlet") || o.kind == PatchKind::Outlet, "{o:?}");
+        }
+    }
+}
+
+#[test]
+fn inlets_are_made_by_name_and_by_list() {
+    let (mask, lines, found) = four_outlets();
+    let apply = |user: UserOpenings| apply_user(&mask, &lines, found.clone(), &user);
+    let rename = |pairs: &[(&str, &str)]| pairs.iter().map(|(a, b)| (a.to_string(), b.to_string())).collect::<Vec<_>>();
+    let inlets = |list: &[Opening]| {
+        list.iter().filter(|o| o.kind == PatchKind::Inlet).map(|o| (o.name.clone(), o.plane.origin)).collect::<Vec<_>>()
+    };
+    let (first, second) = (found[0].plane.origin, found[1].plane.origin);
+    let both = UserOpenings { rename: rename(&[("inlet", "inlet_left"), ("outlet_1", "inlet_right")]), ..Default::default() };
+    let mut list = inlets(&apply(both).expect("openings").0);
+    list.sort_by(|a, b| a.0.cmp(&b.0));
+    assert_eq!(list, [("inlet_left".to_string(), first), ("inlet_right".into(), second)]);
+    let (list, _) = apply(UserOpenings { inlets: vec!["inlet".into(), "outlet_1".into()], ..Default::default() }).expect("openings");
+    assert_eq!(inlets(&list).iter().map(|i| i.0.as_str()).collect::<Vec<_>>(), ["inlet", "inlet_2"]);
+    // A name that says nothing keeps what was found; one that is displaced is told.
+    let aorta = UserOpenings { rename: rename(&[("inlet", "aorta")]), ..Default::default() };
+    assert_eq!(inlets(&apply(aorta).expect("openings").0), [("aorta".to_string(), first)]);
+    let displaced = UserOpenings { rename: rename(&[("inlet", "aorta"), ("outlet_1", "inlet_b")]), ..Default::default() };
+    let (list, warnings) = apply(displaced).expect("openings");
+    assert_eq!(inlets(&list), [("inlet_b".to_string(), second)]);
+    assert!(warnings.iter().any(|w| w.contains("`aorta` is an outlet")), "{warnings:?}");
+    let same = UserOpenings { rename: rename(&[("outlet_1", "outlet_3")]), ..Default::default() };
+    assert!(matches!(apply(same), Err(UserError::SameName { .. })));
 }
 
 #[test]

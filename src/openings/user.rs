@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::border::{Region, along_face, disc_inside, in_image};
 use super::names::{self, Sized};
+use super::naming;
 use super::section::section;
 use super::{FoundBy, Opening};
 use crate::centerline::{Centerlines, EndKind};
@@ -33,8 +34,8 @@ pub struct UserOpenings {
     pub drop: Vec<String>,
     /// Other names: from, to.
     pub rename: Vec<(String, String)>,
-    /// Name of the opening that is the inlet.
-    pub inlet: Option<String>,
+    /// Names of the openings that are inlets; all others of their components are outlets then.
+    pub inlets: Vec<String>,
 }
 
 /// Why a wish cannot be met.
@@ -103,8 +104,13 @@ pub enum UserError {
         known: String,
     },
     /// Two openings share a name.
-    #[error("two openings are called `{0}`: names must differ")]
-    SameName(String),
+    #[error("two openings are called `{name}`, at {:.3?} and {:.3?} (LPS mm): choose another name, or drop the one that was found", places[0], places[1])]
+    SameName {
+        /// The name.
+        name: String,
+        /// Where they are, LPS mm.
+        places: [[f64; 3]; 2],
+    },
 }
 
 impl UserError {
@@ -117,7 +123,7 @@ impl UserError {
             | UserError::Sac { name, .. }
             | UserError::CutsEverything { name, .. }
             | UserError::UnknownName { name, .. }
-            | UserError::SameName(name) => name,
+            | UserError::SameName { name, .. } => name,
         }
     }
 }
@@ -132,64 +138,22 @@ pub fn apply_user(
     let mut warnings = Vec::new();
     let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let area = |o: &Opening| section(mask, &o.plane, 4.0 * o.radius + 2.0 * voxel).map_or(0.0, |s| s.area);
-    let known = |list: &[Sized]| match list {
-        [] => "none was found".into(),
-        _ => format!("there are {}", list.iter().map(|s| s.opening.name.as_str()).collect::<Vec<_>>().join(", ")),
-    };
     let mut list: Vec<Sized> =
         detected.into_iter().map(|opening| Sized { area: area(&opening), opening, fixed: false }).collect();
-    for name in &user.drop {
-        let Some(n) = list.iter().position(|s| s.opening.name == *name) else {
-            return Err(UserError::UnknownName { name: name.clone(), wish: "drop", known: known(&list) });
-        };
-        list.remove(n);
-    }
-    let mut renamed = Vec::new();
-    for (from, to) in &user.rename {
-        let Some(n) = list.iter().position(|s| s.opening.name == *from) else {
-            return Err(UserError::UnknownName { name: from.clone(), wish: "rename", known: known(&list) });
-        };
-        renamed.push((n, to.clone()));
-    }
-    for (n, to) in renamed {
-        list[n].opening.name = to;
-        list[n].fixed = true;
-    }
+    let found: Vec<String> = list.iter().map(|s| s.opening.name.clone()).collect();
+    naming::drop_and_rename(&mut list, user)?;
+    let mut given = naming::given(&list);
     for plane in &user.planes {
         let opening = resolve(mask, lines, plane, voxel, &mut warnings)?;
         list.retain(|s| {
             (s.opening.plane.origin - opening.plane.origin).norm() > 2.0 * s.opening.radius.max(opening.radius)
                 || s.opening.found_by == FoundBy::User
         });
+        given.push(opening.name.clone());
         list.push(Sized { area: area(&opening), opening, fixed: true });
     }
-    if let Some(name) = &user.inlet {
-        let Some(n) = list.iter().position(|s| s.opening.name == *name) else {
-            return Err(UserError::UnknownName { name: name.clone(), wish: "make the inlet", known: known(&list) });
-        };
-        let component = list[n].opening.component;
-        for (m, s) in list.iter_mut().enumerate().filter(|(_, s)| s.opening.component == component) {
-            s.opening.kind = if m == n { PatchKind::Inlet } else { PatchKind::Outlet };
-        }
-    } else if list.iter().any(|s| s.fixed && s.opening.kind == PatchKind::Inlet) {
-        // The user's inlet displaces the guessed one of its component.
-        let given: Vec<u32> = list
-            .iter()
-            .filter(|s| s.fixed && s.opening.kind == PatchKind::Inlet)
-            .map(|s| s.opening.component)
-            .collect();
-        for s in list.iter_mut().filter(|s| !s.fixed && given.contains(&s.opening.component)) {
-            s.opening.kind = PatchKind::Outlet;
-        }
-    }
-    names::choose_inlets(&mut list);
-    let openings = names::assign(list);
-    let mut names: Vec<&str> = openings.iter().map(|o| o.name.as_str()).collect();
-    names.sort_unstable();
-    if let Some(w) = names.windows(2).find(|w| w[0] == w[1]) {
-        return Err(UserError::SameName(w[0].into()));
-    }
-    Ok((openings, warnings))
+    naming::settle_inlets(&mut list, user, &given, &mut warnings)?;
+    Ok((naming::distinct(names::keep(list, &found))?, warnings))
 }
 
 fn resolve(

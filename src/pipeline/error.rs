@@ -113,6 +113,18 @@ impl Error {
             Error::Openings(e) => Some(e.opening()),
             Error::UserOpenings(e) => Some(e.opening()),
             Error::Extension(e) => Some(e.opening()),
+            Error::Flow(e) => e.opening(),
+            Error::Region(crate::mesh::regions::RegionError::SameName(name)) => Some(name),
+            _ => None,
+        }
+    }
+
+    /// The key of the case that is at fault.
+    pub fn key(&self) -> Option<&'static str> {
+        match self {
+            Error::Remesh(remesh::Error::OutOfReach { name: "edge_length", .. }) => Some("surface.edge_length"),
+            Error::Remesh(remesh::Error::OutOfReach { name: "patches.edge_length", .. }) => Some("surface.patches"),
+            Error::Remesh(remesh::Error::OutOfReach { .. }) => Some("surface.refine"),
             _ => None,
         }
     }
@@ -123,7 +135,10 @@ impl Error {
             Error::File(io::Error::Write { .. }) => ErrorKind::Configuration,
             Error::File(_) | Error::Mask(_) | Error::Selection { .. } | Error::Surface { .. } | Error::Probability(_) => ErrorKind::Input,
             Error::Configuration(_) | Error::Flow(_) => ErrorKind::Configuration,
+            Error::Remesh(remesh::Error::OutOfReach { .. }) => ErrorKind::Configuration,
             Error::Extension(openings::ExtendError::Unknown { .. }) => ErrorKind::Configuration,
+            Error::UserOpenings(openings::UserError::UnknownName { .. } | openings::UserError::SameName { .. }) => ErrorKind::Configuration,
+            Error::Region(crate::mesh::regions::RegionError::SameName(_)) => ErrorKind::Configuration,
             Error::Interrupted | Error::Volume(volume::Error::Cancelled) => ErrorKind::Interrupted,
             Error::Volume(volume::Error::Surface(_)) => ErrorKind::Geometry,
             Error::Volume(_) => ErrorKind::Engine,

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::input::Source;
 use crate::config::{self, AutoLength, Case, Labels, Length};
 use crate::centerline::{Branch, Centerlines, Sample};
-use crate::flow::{FlowOptions, Inflow, OutletSplit, Profile, Viscosity, Waveform};
+use crate::flow::{FlowOptions, Inflow, OutletSplit, Profile, Shares, Viscosity, Waveform};
 use crate::geometry::{Aabb, Plane, Vector};
 use crate::implicit::Implicit;
 use crate::mask::{CleaningOptions, Components, LengthUnit, Mask, Selection};
@@ -202,7 +202,7 @@ pub fn user_openings(case: &Case) -> UserOpenings {
         planes: o.planes.iter().map(plane).collect(),
         drop: o.drop.clone(),
         rename: o.rename.iter().map(|r| (r.from.clone(), r.to.clone())).collect(),
-        inlet: o.inlet.clone(),
+        inlets: o.inlet.0.clone(),
     }
 }
 
@@ -256,8 +256,8 @@ pub fn flow(case: &Case, waveform: Option<Waveform>) -> FlowOptions {
     let split = match f.outlets.split {
         config::Split::Murray => OutletSplit::Murray,
         config::Split::Area => OutletSplit::Area,
-        config::Split::Fractions => OutletSplit::Fractions(f.outlets.fractions.clone()),
-        config::Split::Resistance => OutletSplit::Resistance(f.outlets.resistances.clone()),
+        config::Split::Fractions => OutletSplit::Fractions(shares(&f.outlets.fractions)),
+        config::Split::Resistance => OutletSplit::Resistance(shares(&f.outlets.resistances)),
         config::Split::Pressure => OutletSplit::Pressure,
     };
     let profile = match f.inlet.profile {
@@ -266,6 +266,7 @@ pub fn flow(case: &Case, waveform: Option<Waveform>) -> FlowOptions {
     };
     FlowOptions {
         inflow,
+        inlet_fractions: Some(&f.inlet.fractions).filter(|s| !s.is_empty()).map(shares),
         profile,
         split,
         viscosity: viscosity(&f.blood),
@@ -274,6 +275,13 @@ pub fn flow(case: &Case, waveform: Option<Waveform>) -> FlowOptions {
         cycles: f.cycles,
         max_courant: f.max_courant,
         processes: f.processes,
+    }
+}
+
+fn shares(given: &config::Shares) -> Shares {
+    match given {
+        config::Shares::InOrder(list) => Shares::InOrder(list.clone()),
+        config::Shares::ByName(map) => Shares::ByName(map.clone()),
     }
 }
 

@@ -361,7 +361,8 @@ fn files_of_surface(outcome: &Outcome, surface: &TriMesh, case: &Case, dir: &Pat
 
 fn files_of_volume(outcome: &Outcome, volume: &VolumeMesh, dir: &Path) -> Result<(), Error> {
     create(&dir.join("lumen.vtu"), |w| vtu::write(w, volume, &outcome.cell_skewness, &Extra::default()))?;
-    create(&dir.join("boundary.vtp"), |w| vtp::write_boundary(w, volume))
+    create(&dir.join("boundary.vtp"), |w| vtp::write_boundary(w, volume))?;
+    create(&dir.join("boundary.vtu"), |w| vtu::write_boundary(w, volume))
 }
 
 /// Keys of the contract that the volume's quality has deeper down.
@@ -418,9 +419,27 @@ fn exports(volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) ->
     }
     if wanted(Export::Simvascular) {
         let path = folder("simvascular")?.join("mesh-complete");
-        simvascular::write(&path, volume, &faces).map_err(|e| failed(&path, e))?;
+        simvascular(&path, volume, &faces, report)?;
     }
     Ok(())
+}
+
+/// SimVascular's folder. Its reader takes one kind of cells, so that prisms are split into tetrahedra there.
+fn simvascular(path: &Path, volume: &VolumeMesh, faces: &FaceList<'_>, report: &mut Report) -> Result<(), Error> {
+    let failed = |e| Error::from(crate::io::Error::write(path, e));
+    if volume.prisms.is_empty() {
+        return simvascular::write(path, volume, faces).map_err(failed);
+    }
+    let split = match crate::mesh::split::prisms(volume) {
+        Ok(split) => split,
+        Err(e) => {
+            report.warn("simvascular", format!("simvascular/ holds no mesh: {e}; ask for fewer or thicker boundary layers"));
+            return Ok(());
+        }
+    };
+    report.put_in("volume", "simvascular", &serde_json::json!({"tets": split.tets.len(), "from_prisms": 3 * volume.prisms.len()}));
+    let faces = FaceList::build(&split).map_err(Error::Faces)?;
+    simvascular::write(path, &split, &faces).map_err(failed)
 }
 
 /// The flow as the case asks for it.
@@ -465,7 +484,7 @@ fn log(report: &Report) -> String {
         out.push_str(&format!("warning ({}): {}\n", w.stage, w.message));
     }
     for g in &report.gates {
-        out.push_str(&format!("{} {}: {} (limit {})\n", if g.passed { "met   " } else { "missed" }, g.name, g.value, g.limit));
+        out.push_str(&format!("{} {}: {} (limit {})\n", if g.passed { "met   " } else { "missed" }, g.name, crate::report::rounded(g.value), g.limit));
     }
     out
 }

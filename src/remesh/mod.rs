@@ -13,6 +13,7 @@ mod even;
 pub mod improve;
 pub mod isotropic;
 pub(crate) mod last_resort;
+mod reach;
 mod relax;
 mod repair_moves;
 mod rim_spacing;
@@ -82,6 +83,27 @@ pub enum Error {
         at: Point,
         /// The value there.
         size: f64,
+    },
+    /// A length that was asked for cannot hold.
+    #[error(
+        "{name} is {asked} mm, and lengths from {} mm (a fifth of a voxel, or the shortest allowed) to {} mm (8 edges round a \
+         vessel, or the longest allowed) can be had here; {asked} mm would mean {} triangles and {} tetrahedra of that size: \
+         give a length in that range, or `auto`",
+        (low * 1e4).ceil() / 1e4, (high * 1e4).floor() / 1e4, reach::about(*.faces), reach::about(*.cells)
+    )]
+    OutOfReach {
+        /// Name of the option.
+        name: &'static str,
+        /// As asked for, mm.
+        asked: f64,
+        /// Shortest length that can be had, mm.
+        low: f64,
+        /// Longest length that can be had, mm.
+        high: f64,
+        /// Triangles that it would mean.
+        faces: f64,
+        /// Tetrahedra of that size that it would mean.
+        cells: f64,
     },
     /// A length or factor that cannot be.
     #[error("{name} is {value}; give a positive number")]

@@ -13,6 +13,7 @@ use serde::Serialize;
 use super::band_grid::BandGrid;
 use super::curvature::largest_curvature;
 use super::rim_spacing::BALANCE;
+use super::reach::{self, Reach};
 use super::{Error, SizeField};
 use crate::geometry::{Aabb, Plane, Point};
 use crate::implicit::Implicit;
@@ -89,13 +90,13 @@ pub struct GuidanceOptions {
     pub edges_per_turn: f64,
     /// Chord error bound with `Auto`: h ≤ √(this · voxel diagonal · R), that is h²/(16 R) ≤ 1 % of the diagonal.
     pub chord: f64,
-    /// Edges round the circumference at least, with a fixed length too: fewer lose the tube's shape.
+    /// Edges round the circumference at least, whatever is asked for: fewer lose the tube's shape.
     pub least_edges_per_circumference: f64,
     /// Shortest wish, mm; a fifth of a voxel without it.
     pub min: Option<f64>,
     /// Longest wish, mm.
     pub max: Option<f64>,
-    /// Factor on every wish: 0.5 halves all edges.
+    /// Factor on every wish: 0.5 halves all edges. Bounded by the least number of edges round.
     pub scale: f64,
     /// Largest change of the wish per distance.
     pub gradation: f64,
@@ -145,6 +146,8 @@ pub struct Limits {
     pub min: f64,
     /// Longest length.
     pub max: f64,
+    /// Least number of edges round.
+    pub least: f64,
 }
 
 /// What [`GuidanceField::new`] chose and why.
@@ -164,6 +167,8 @@ pub struct Summary {
     pub decided_by: Limits,
     /// One sentence for the report.
     pub why: String,
+    /// What was asked for and could not be had everywhere.
+    pub bounded: Option<String>,
 }
 
 /// Wished edge length on a lattice round the surface.
@@ -200,17 +205,16 @@ impl GuidanceField {
         let radius = local_radius(mesh, radii, &kappa);
         let min = options.min.unwrap_or(0.2 * voxel);
         let max = options.max.unwrap_or(f64::INFINITY);
+        let least_edges = options.least_edges_per_circumference.min(options.edges_per_circumference);
+        let longest: Vec<f64> = radius.iter().map(|r| 2.0 * r * (PI / least_edges).sin()).collect();
         let own = patch_lengths(mesh, &options.patches);
         let wish = |v: usize| {
             let round = |n: f64| 2.0 * radius[v] * (PI / n).sin();
             if let Some(h) = own[v] {
-                return (h.min(round(options.least_edges_per_circumference)), Rule::Patch);
+                return (h, Rule::Patch);
             }
             match options.edge_length {
-                EdgeLength::Fixed(h) => {
-                    let least = round(options.least_edges_per_circumference);
-                    if h <= least { (h, Rule::Fixed) } else { (least, Rule::Radius) }
-                }
+                EdgeLength::Fixed(h) => (h, Rule::Fixed),
                 _ => [
                     (round(options.edges_per_circumference), Rule::Radius),
                     (2.0 * (PI / options.edges_per_turn).sin() / kappa[v].max(1e-12), Rule::Curvature),
@@ -227,9 +231,14 @@ impl GuidanceField {
                 *a = 0.0;
             }
         }
+        let reach = Reach { low: min, most: max, longest: &longest, area: &area, volume: mesh.volume() };
+        reach::check(&reach, options, &own)?;
         let bounded = |v: usize, scale: f64| {
             let (h, rule) = wishes[v];
             let (mut h, mut rule) = (h * scale, rule);
+            if h > longest[v] {
+                (h, rule) = (longest[v], Rule::Least);
+            }
             for r in &options.refine {
                 if let Some(inside) = r.at(&mesh.points[v]).filter(|x| x * scale < h) {
                     (h, rule) = (inside * scale, Rule::Refinement);
@@ -257,6 +266,7 @@ impl GuidanceField {
         };
         let mut scale = options.scale;
         let (mut field, mut sizes, mut faces) = build(scale);
+        let mut missed = None;
         if let EdgeLength::TargetFaces(wanted) = options.edge_length {
             let wanted = wanted.max(4) as f64;
             for _ in 0..12 {
@@ -266,9 +276,12 @@ impl GuidanceField {
                 scale *= (faces / wanted).sqrt();
                 (field, sizes, faces) = build(scale);
             }
+            missed = ((faces / wanted - 1.0).abs() > 0.05).then_some(wanted);
         }
         let rules: Vec<Rule> = (0..mesh.points.len()).map(|v| bounded(v, scale).1).collect();
-        let summary = summarise(&area, &sizes, &rules, scale, faces, options);
+        let mut summary = summarise(&area, &sizes, &rules, scale, faces, options);
+        let held = summary.decided_by.min + summary.decided_by.least;
+        summary.bounded = reach::bounded(held, missed, options, &summary);
         Ok((field, summary))
     }
 }
@@ -306,6 +319,7 @@ enum Rule {
     Patch,
     Min,
     Max,
+    Least,
 }
 
 fn check_lengths(o: &GuidanceOptions) -> Result<(), Error> {
@@ -383,7 +397,7 @@ fn patch_lengths(mesh: &TriMesh, patches: &[(PatchId, f64)]) -> Vec<Option<f64>>
 }
 
 /// Area of a triangle of a mesh whose wish is `h`.
-fn triangle_area(h: f64) -> f64 {
+pub(super) fn triangle_area(h: f64) -> f64 {
     0.75f64.sqrt() * 0.5 * (BALANCE * h).powi(2)
 }
 
@@ -424,12 +438,11 @@ fn summarise(
         patch: part(Rule::Patch),
         min: part(Rule::Min),
         max: part(Rule::Max),
+        least: part(Rule::Least),
     };
+    let round = (options.edges_per_circumference / scale).round();
     let named = [
-        (decided_by.radius, format!("by radius (at least {} edges round)", match options.edge_length {
-            EdgeLength::Fixed(_) => options.least_edges_per_circumference,
-            _ => options.edges_per_circumference,
-        })),
+        (decided_by.radius, format!("by radius (at least {round} edges round)")),
         (decided_by.curvature, "by curvature".into()),
         (decided_by.chord, "by chord error".into()),
         (decided_by.fixed, "as given".into()),
@@ -437,6 +450,7 @@ fn summarise(
         (decided_by.patch, "as given for a patch".into()),
         (decided_by.min, "at the shortest length".into()),
         (decided_by.max, "at the longest length".into()),
+        (decided_by.least, format!("at the least number of edges round, {}", options.least_edges_per_circumference)),
     ];
     // Shares that round to nothing are left out.
     let shares: Vec<String> =
@@ -445,7 +459,7 @@ fn summarise(
         "edges of {min:.3} to {max:.3} mm (median {median:.3} mm), scale {scale:.3}; of the area {}",
         shares.join(", ")
     );
-    Summary { min, median, max, scale, predicted_faces: faces.round() as usize, decided_by, why }
+    Summary { min, median, max, scale, predicted_faces: faces.round() as usize, decided_by, why, bounded: None }
 }
 
 #[cfg(test)]
@@ -470,6 +484,15 @@ mod tests {
         let half = GuidanceOptions { scale: 0.5, ..GuidanceOptions::default() };
         let (half, finer) = GuidanceField::new(&mesh, &f, &axis, VOXEL, &half).unwrap();
         assert!((half.size(&Point::new(2.0, 0.0, 0.0)) / expected - 0.5).abs() < 0.02);
+        // Half the edges round at twice the scale, and no fewer than eight.
+        let coarse = |scale| {
+            let options = GuidanceOptions { scale, ..GuidanceOptions::default() };
+            GuidanceField::new(&mesh, &f, &axis, VOXEL, &options).unwrap().1
+        };
+        assert!(coarse(2.0).why.contains("at least 14 edges round") && coarse(2.0).bounded.is_none(), "{:?}", coarse(2.0));
+        let most = coarse(20.0);
+        assert!((most.median / (4.0 * (PI / 8.0).sin()) - 1.0).abs() < 0.02, "{most:?}");
+        assert!(most.bounded.as_ref().is_some_and(|b| b.contains("scale")), "{most:?}");
         assert!((finer.predicted_faces as f64 / summary.predicted_faces as f64 - 4.0).abs() < 0.2);
     }
 
@@ -537,6 +560,28 @@ mod tests {
             assert!((field.size(&Point::new(2.0, 0.0, -9.0)) - 0.5).abs() < 0.06);
             assert!(summary.decided_by.patch > 0.2 && summary.why.contains("given for a patch"), "{}", summary.why);
         }
+    }
+
+    #[test]
+    fn a_length_that_cannot_hold_is_refused_with_the_range() {
+        let f = Capsules::tube(2.0, 12.0);
+        let mesh = polygonize(&f, 0.4);
+        let axis: Vec<(Point, f64)> = (-12..=12).map(|i| (Point::new(0., 0., 0.5 * f64::from(i)), 2.0)).collect();
+        let field = |options: GuidanceOptions| GuidanceField::new(&mesh, &f, &axis, VOXEL, &options).map(|r| r.1);
+        let fixed = |h| GuidanceOptions { edge_length: EdgeLength::Fixed(h), ..GuidanceOptions::default() };
+        for h in [0.001, 0.09, 1.6, 50.0] {
+            let Err(Error::OutOfReach { asked, low, high, faces, .. }) = field(fixed(h)) else { panic!("{h} must be refused") };
+            assert!(asked == h && (low - 0.1).abs() < 1e-9 && (high - 4.0 * (PI / 8.0).sin()).abs() < 1e-6, "{low} {high}");
+            // Both ends of the range can be had.
+            assert!(field(fixed(low)).is_ok() && field(fixed(high)).is_ok());
+            assert!((faces * triangle_area(h) / mesh.area() - 1.0).abs() < 1e-6, "{faces}");
+        }
+        let summary = field(fixed(0.6)).unwrap();
+        assert!((summary.min - 0.6).abs() < 1e-6 && (summary.max - 0.6).abs() < 1e-6 && summary.bounded.is_none(), "{summary:?}");
+        let within = Refinement::Sphere { center: Point::new(2.0, 0.0, 0.0), radius: 1.0, edge_length: 0.01 };
+        assert!(matches!(field(GuidanceOptions { refine: vec![within], ..fixed(0.6) }), Err(Error::OutOfReach { .. })));
+        assert!(matches!(field(GuidanceOptions { min: Some(0.7), ..fixed(0.6) }), Err(Error::OutOfReach { .. })));
+        assert!(matches!(field(GuidanceOptions { max: Some(0.5), ..fixed(0.6) }), Err(Error::OutOfReach { .. })));
     }
 
     #[test]

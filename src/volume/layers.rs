@@ -2,8 +2,9 @@
 //!
 //! Thickness starts at a part of the local radius, shrinks where space is short (opposite wall, concave bends, necks)
 //! with a bounded gradient along the wall, and once more wherever a prism or the inner surface would be bad. The
-//! number of layers is the same everywhere.
+//! number of layers is the same everywhere. At the rims of openings the layers are never flatter than solvers take.
 
+mod rim;
 mod turn;
 
 use rayon::prelude::*;
@@ -71,6 +72,8 @@ pub struct LayerSummary {
     pub thickness: [f64; 3],
     /// Least height of the first layer over the length of a rim edge there; under 0.035 OpenFOAM's determinant fails.
     pub rim_height_ratio: f64,
+    /// Largest height of the first layer where it was raised at rims, mm.
+    pub rim_first_height: Option<f64>,
     /// Largest equi-angle skewness of a prism.
     pub prism_skewness: f64,
     /// Largest equi-angle skewness of the surface inside the layers.
@@ -123,6 +126,7 @@ pub fn grow(
         // Never so thin that a solver refuses the first layer.
         t[v] = t[v].min((THINNER * t[v]).max(LEAST_FIRST * wall.size[v] / steps[1]));
     }
+    let raised = rim::raise(&wall, surface, &mut t, &steps, options);
     let mut t = smooth_lower(surface, t, 0.25);
     let mut rounds = 0;
     let inner = loop {
@@ -154,7 +158,16 @@ pub fn grow(
         }
         t = smooth_lower(surface, t, 0.25);
     };
-    Ok(wall.assemble(surface, t, wished, &steps, inner, options, rounds))
+    let (layers, mut summary) = wall.assemble(surface, t, wished, &steps, inner, options, rounds);
+    if let Some(height) = raised {
+        let asked = options.first_height.map_or(String::new(), |h| format!(" instead of {h:.4} mm"));
+        summary.rim_first_height = Some(height);
+        summary.warnings.push(format!(
+            "at the rims of openings the first layer is up to {height:.4} mm high{asked}: flatter prisms there fail OpenFOAM's \
+             determinant; away from the rims it is as asked for"
+        ));
+    }
+    Ok((layers, summary))
 }
 
 /// Depth of each level as a part of the thickness: 0 at the wall, 1 at the end.
@@ -464,6 +477,7 @@ impl Wall {
             area_at_full_thickness: full / area,
             thickness: [sorted[0], sorted[sorted.len() / 2], sorted[sorted.len() - 1]],
             rim_height_ratio: if rims.is_empty() { 1.0 } else { ratio },
+            rim_first_height: None,
             prism_skewness,
             inner_skewness,
             rounds,

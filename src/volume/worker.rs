@@ -224,6 +224,9 @@ pub(super) fn run(
         None
     };
     drop(guard);
+    // Ctrl-C on a terminal reaches the worker too, and may end it before the flag is seen here.
+    let asked = || cancel.is_some_and(|c| c.load(Ordering::Relaxed));
+    let ended_by = ended_by.or_else(|| (result.is_none() && (interrupted(status) || asked())).then_some(WorkerError::Cancelled));
     if let Some(e) = ended_by {
         // The threads end with the pipes; something the worker started may hold those open a while longer.
         return Err(e);
@@ -243,6 +246,13 @@ pub(super) fn run(
             said,
         }),
     }
+}
+
+/// Whether a person's Ctrl-C ended a process.
+fn interrupted(status: Option<std::process::ExitStatus>) -> bool {
+    use std::os::unix::process::ExitStatusExt;
+    const SIGINT: i32 = 2;
+    status.and_then(|s| s.signal()) == Some(SIGINT)
 }
 
 /// The last few lines on one line.
