@@ -34,7 +34,7 @@ use crate::geometry::Point;
 use crate::implicit::{self, Implicit};
 use crate::mask::{self, Mask};
 use crate::mesh::{self, TriMesh, VolumeMesh};
-use crate::openings::{self, DetectReport, Opening};
+use crate::openings::{self, DetectReport, Evidence, Opening};
 use crate::polygonize;
 use crate::quality;
 use crate::remesh::{self, SizeField};
@@ -97,8 +97,10 @@ impl<'a> Context<'a> {
 
 /// One connected component as reconstructed, before its ends are known.
 struct Draft {
-    /// The component, cropped, padded at the picture's border, noise taken off.
+    /// The component, cropped, carried on where it leaves the image, noise taken off.
     mask: Mask,
+    /// What its boundary says of where the vessel ends.
+    evidence: Evidence,
     /// Voxels of it that were relabelled as noise.
     relabelled: Vec<noise::Relabelled>,
     /// Its wall.
@@ -287,6 +289,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     } else {
         Vec::new()
     };
+    let evidence: Vec<Evidence> = drafts.iter().map(|d| d.evidence.clone()).collect();
     let mut parts = Vec::new();
     let shares = shares(&drafts);
     for (n, (draft, share)) in drafts.into_iter().zip(shares).enumerate() {
@@ -322,7 +325,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         "fidelity",
         || {
             // A wall that was not cut goes on through the padding; so must the mask that it is held against.
-            let padded = cuts.is_empty().then(|| mask::crop_pad(&outcome.mask, 4, PAD));
+            let padded = cuts.is_empty().then(|| Evidence::all_carried_on(evidence.iter(), &outcome.mask, 4, PAD));
             let reference = quality::fidelity::Reference::new(padded.as_ref().unwrap_or(&outcome.mask))?;
             let vessel = results::without_extensions(&surface, &parts);
             let mut measured = quality::fidelity::measure(&vessel, &reference, &cuts, &Default::default())?;
@@ -380,7 +383,12 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
 
 /// One component: implicit, polygons, centerlines.
 fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Draft, Error> {
-    let (mask, quieted) = noise::padded(&component, PAD);
+    // A surface tells its own ends.
+    let evidence = match source {
+        Source::Surface(_) => Evidence::default(),
+        _ => clock.run("evidence", || Ok::<_, Error>(Evidence::of(&component)), |e| format!("{} flat faces, {} border regions", e.faces.len(), e.regions.len()))?,
+    };
+    let (mask, quieted) = noise::padded(&component, &evidence, PAD);
     let wanted = mask::topology(&mask);
     let wall::Polygonized { implicit, noisy, polygons, summary, options: polygonizer } = wall::polygonized(case, source, clock, report, &mask, &wanted)?;
     report.put_in("reconstruction", "polygonizer", &summary);
@@ -402,7 +410,7 @@ fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, c
         },
         |c| format!("{} branches", c.branches.len()),
     )?;
-    Ok(Draft { mask, relabelled, implicit, polygons, polygonizer, centerlines })
+    Ok(Draft { mask, evidence, relabelled, implicit, polygons, polygonizer, centerlines })
 }
 
 /// Part of the whole surface that each component has: polygons are of one size.
@@ -500,11 +508,16 @@ fn ends(
     report: &mut Report,
 ) -> Result<(Vec<Opening>, DetectReport), Error> {
     // The centerlines run on through the padding; so must the mask that they are held against.
-    let padded = mask::crop_pad(mask, 4, PAD);
+    let padded = Evidence::all_carried_on(drafts.iter().map(|d| &d.evidence), mask, 4, PAD);
+    let evidence: Vec<Evidence> = drafts.iter().map(|d| d.evidence.clone()).collect();
     let (mut detected, mut summary) = match case.openings.detect {
-        Detect::Auto => openings::detect(&padded, lines, &Default::default()),
+        Detect::Auto => openings::detect(&padded, lines, &evidence, &options::detection(case)),
         Detect::Off => Default::default(),
     };
+    if case.openings.inlet.0.is_empty() && case.openings.planes.is_empty() {
+        let close = std::mem::take(&mut summary.close_choices);
+        summary.warnings.extend(close);
+    }
     for o in &mut detected {
         let Some(draft) = drafts.get(o.component as usize) else { continue };
         *o = openings::refine(&padded, draft.implicit.as_ref(), o);

@@ -185,6 +185,7 @@ fn planes(out: &mut String, s: &Survey) -> std::fmt::Result {
         let how = match o.found_by {
             FoundBy::User => "given",
             FoundBy::ImageBorder => "leaves the image",
+            FoundBy::FlatFace => "is cut flat",
             FoundBy::BluntEnd => "ends inside the image",
         };
         let area = area.map_or(String::new(), |a| format!("; area {a:.3} mm2, diameter {:.3} mm", (4.0 * a / std::f64::consts::PI).sqrt()));
@@ -203,6 +204,10 @@ fn planes(out: &mut String, s: &Survey) -> std::fmt::Result {
             BlindReason::NoSection => "no section that a plane could cut",
             BlindReason::SharedOpening => "the opening beside it takes it off too",
             BlindReason::SharedSection => "a cut there would take another vessel off too",
+            BlindReason::LargeSection => "its section is far larger than its inscribed circle",
+            BlindReason::TakesMore => "a cut there would take off more than its tip",
+            BlindReason::GrazesBorder => "the vessel runs along the image's border",
+            BlindReason::CroppedSac => "a sac cropped by the image's border",
         };
         writeln!(out, "  # closed: the end at {} ({why}; radius {:.2} mm, length {:.2} mm)", place(b.tip.into()), b.radius, b.length)?;
     }

@@ -14,6 +14,6 @@ pub use case::*;
 pub use flow::{Blood, Flow, InletFlow, OutletFlow, Shares, Split, VelocityProfile, Viscosity};
 pub use length::{AutoLength, Length, LengthError, Unit};
 pub use load::{ConfigError, from_text, load, to_yaml};
-pub use openings::{Detect, InletNames, OpeningKind, OpeningPlane, OpeningsSection, Rename};
+pub use openings::{CutDirection, Detect, InletNames, OpeningKind, OpeningPlane, OpeningsSection, Rename};
 pub use place::{locate, place_of_opening};
 pub use reference::{reference_page, schema};

@@ -42,6 +42,20 @@ pub enum Detect {
     Off,
 }
 
+/// How ends that were cut flat are cut.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum CutDirection {
+    /// Along the flat face; square to the vessel's axis where the face is tilted by more than 30 degrees and the vessel
+    /// behind it is long enough.
+    #[default]
+    Auto,
+    /// Square to the axis wherever there is room.
+    Square,
+    /// Along the flat face.
+    AsCut,
+}
+
 /// Another name for a detected opening.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -66,6 +80,8 @@ pub struct OpeningsSection {
     /// Name of the opening that is the inlet, or a list of names; default: the largest section.
     #[serde(skip_serializing_if = "InletNames::is_empty")]
     pub inlet: InletNames,
+    /// How ends that were cut flat, by a person or by the image's border, are cut: auto, square or as-cut. Default auto.
+    pub cut: CutDirection,
 }
 
 /// Names of the openings that are inlets: written as one name or as a list; empty where the case names none.
@@ -130,6 +146,8 @@ struct Section {
     rename: Vec<Rename>,
     /// Name of the opening that is the inlet, or a list of names; default: the largest section.
     inlet: InletNames,
+    /// How ends that were cut flat, by a person or by the image's border, are cut: auto, square or as-cut. Default auto.
+    cut: CutDirection,
 }
 
 impl<'de> Deserialize<'de> for OpeningsSection {
@@ -146,7 +164,7 @@ impl<'de> Deserialize<'de> for OpeningsSection {
             }
             fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<OpeningsSection, A::Error> {
                 let s = Section::deserialize(de::value::MapAccessDeserializer::new(map))?;
-                Ok(OpeningsSection { detect: s.detect, planes: s.planes, drop: s.drop, rename: s.rename, inlet: s.inlet })
+                Ok(OpeningsSection { detect: s.detect, planes: s.planes, drop: s.drop, rename: s.rename, inlet: s.inlet, cut: s.cut })
             }
         }
         d.deserialize_any(Either)

@@ -89,6 +89,30 @@ pub fn crop_pad(mask: &Mask, margin: usize, replicate: usize) -> Mask {
     })
 }
 
+/// [`crop_pad`] that carries only those border voxels on for which `goes_on` says so, asked with the voxel in the mask's
+/// own indices and the image's face: axis, and whether it is the upper one.
+pub fn crop_pad_where(mask: &Mask, margin: usize, replicate: usize, goes_on: impl Fn(&[i64; 3], (usize, bool)) -> bool) -> Mask {
+    let mut padded = crop_pad(mask, margin, replicate);
+    let low = [0, 1, 2].map(|a| mask.image[a][0] - padded.image[a][0]);
+    let beyond = |v: &[i64; 3]| (0..3).any(|a| v[a] < mask.image[a][0] || v[a] > mask.image[a][1]);
+    let mut known = std::collections::HashMap::new();
+    for n in 0..padded.data.len() {
+        if padded.data[n] == 0 {
+            continue;
+        }
+        let v = padded.grid.voxel(n);
+        let v = [0, 1, 2].map(|a| v[a] as i64 + low[a]);
+        if !beyond(&v) {
+            continue;
+        }
+        let source = [0, 1, 2].map(|a| v[a].clamp(mask.image[a][0], mask.image[a][1]));
+        let sides = (0..3).filter(|&a| v[a] != source[a]).map(|a| (a, v[a] > source[a]));
+        let stays = sides.into_iter().all(|side| *known.entry((source, side)).or_insert_with(|| goes_on(&source, side)));
+        padded.data[n] = u8::from(stays);
+    }
+    padded
+}
+
 /// The 26-connected components of the lumen, each cropped to its bounding box, by falling number of voxels
 /// (ties in scan order). `Mask::image` of each tells where the picture is.
 pub fn split_components(mask: &Mask) -> Vec<Mask> {

@@ -22,7 +22,7 @@ mod workspace;
 pub use boundary::BoundaryDistance;
 pub use clean::{Change, ChangeKind, CleaningOptions, CleaningReport, Components, Total, clean};
 pub use components::{Component, Connectivity, Labels, label};
-pub use crop::{crop_pad, lumen_box, split_components};
+pub use crop::{crop_pad, crop_pad_where, lumen_box, split_components};
 pub use distance::{signed_distance, squared_distance_to};
 pub use error::Error;
 pub use grid::{Grid, GridError};

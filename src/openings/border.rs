@@ -1,103 +1,183 @@
-//! Where the lumen leaves the picture.
+//! Where the lumen meets the border of the image, and what it does there.
+//!
+//! Every connected region of lumen on a face of the image is told apart by the areas of the sections parallel to that
+//! face, R being the radius of the circle of the region's area:
+//!
+//! - it *grazes*: less than 0.6 of its area is left at a depth of 0.75 R, or the section is more than 1.9 times as large
+//!   at 0.5 R; the vessel goes on beside the border, and the region is a piece of its side;
+//! - it is a *cropped sac*: within 2 R the section never grows beyond 1.75 times the region, and shrinks below 0.3 of it;
+//! - otherwise the vessel *leaves* the image there.
 
 use crate::geometry::{Plane, Point, Vector};
 use crate::mask::Mask;
 
-/// Depth of a cut along the picture's face below the outermost voxels' outer sides, in voxels.
-const INSET: f64 = 0.25;
+use super::faces::Profile;
 
-/// A connected piece of lumen in the outermost layer of voxels on one face of the picture.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Region {
-    /// Axis of the grid and side of the picture.
-    face: (usize, bool),
-    voxels: Vec<[i64; 3]>,
+/// Depth of a cut along the image's face below the outermost voxels' outer sides, in voxels.
+const INSET: f64 = 0.25;
+/// A region below this many voxels is too small to tell.
+const LEAST: usize = 4;
+
+/// What the lumen does at the border.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AtBorder {
+    /// The vessel leaves the image.
+    Leaves,
+    /// The vessel runs along the border.
+    Grazes,
+    /// A sac is cropped.
+    CroppedSac,
 }
 
-impl Region {
-    /// The region that a tip leaves through; `None` for a tip inside the picture.
-    pub fn at(mask: &Mask, tip: &Point) -> Option<Region> {
-        let x = mask.grid.to_index(tip);
-        for a in 0..3 {
-            let [low, high] = mask.image[a];
-            let upper = x[a] >= high as f64 - 1.0;
-            if x[a] > low as f64 + 1.0 && !upper {
-                continue;
-            }
-            let mut v = [0, 1, 2].map(|b| (x[b].round() as i64).clamp(mask.image[b][0], mask.image[b][1]));
-            v[a] = if upper { high } else { low };
-            let steps = (0..9).map(|n| [n % 3 - 1, n / 3 - 1]);
-            let near = steps.map(|[p, q]| {
-                let mut w = v;
-                w[(a + 1) % 3] += p;
-                w[(a + 2) % 3] += q;
-                w
-            });
-            let first = near.filter(|w| mask.at(w[0], w[1], w[2])).min_by_key(|w| (0..3).map(|b| (w[b] - v[b]).pow(2)).sum::<i64>());
-            if let Some(first) = first {
-                return Some(Region::flood(mask, first, (a, upper)));
-            }
-        }
-        None
-    }
-
-    fn flood(mask: &Mask, first: [i64; 3], face: (usize, bool)) -> Region {
-        let mut voxels = vec![first];
-        let mut seen = std::collections::BTreeSet::from([first]);
-        let mut next = 0;
-        while next < voxels.len() {
-            let v = voxels[next];
-            next += 1;
-            for n in 0..4 {
-                let mut w = v;
-                w[(face.0 + 1 + n / 2) % 3] += if n % 2 == 0 { 1 } else { -1 };
-                let inside = (0..3).all(|a| w[a] >= mask.image[a][0] && w[a] <= mask.image[a][1]);
-                if inside && mask.at(w[0], w[1], w[2]) && seen.insert(w) {
-                    voxels.push(w);
-                }
-            }
-        }
-        voxels.sort_unstable();
-        Region { face, voxels }
-    }
-
+/// A connected piece of lumen in the outermost layer of voxels on one face of the image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BorderRegion {
+    /// Axis of the grid and side of the image.
+    face: (usize, bool),
+    /// Voxels in the indices of the mask that it was found in, ascending.
+    voxels: Vec<[i64; 3]>,
+    /// Plane of the outermost voxels' outer sides, at the region's middle; normal out of the image.
+    pub plane: Plane,
     /// Area on the face, mm².
-    pub fn area(&self, mask: &Mask) -> f64 {
-        let s = mask.grid.spacing();
-        self.voxels.len() as f64 * s[(self.face.0 + 1) % 3] * s[(self.face.0 + 2) % 3]
+    pub area: f64,
+    /// Farthest of its voxels from the middle, mm.
+    pub reach: f64,
+    /// What the lumen does there.
+    pub kind: AtBorder,
+    /// Direction of the vessel behind it, out of the image.
+    pub axis: Vector,
+    /// Depth to which the sections parallel to the face stay alike, mm.
+    pub straight: f64,
+    /// Size of a voxel along the normal, mm.
+    pub voxel: f64,
+    /// Largest section parallel to the face within two radii, mm².
+    pub largest: f64,
+}
+
+impl BorderRegion {
+    /// Radius of the circle of its area, mm.
+    pub fn radius(&self) -> f64 {
+        (self.area / std::f64::consts::PI).sqrt()
+    }
+
+    /// Whether the tip of a centerline of the padded mask lies at this region.
+    pub fn holds(&self, tip: &Point) -> bool {
+        let d = tip - self.plane.origin;
+        let out = d.dot(&self.plane.normal);
+        let aside = (d - self.plane.normal * out).norm();
+        aside <= 1.1 * self.reach + 2.0 * self.voxel && out >= -1.5 * self.radius().min(self.reach) - 2.0 * self.voxel
+    }
+
+    /// The plane just inside the face, its origin at the region's middle.
+    pub fn inset(&self) -> Plane {
+        Plane { origin: self.plane.origin - self.plane.normal * (INSET * self.voxel), normal: self.plane.normal }
+    }
+
+    /// Whether a voxel of the mask that it was found in belongs to it.
+    pub fn has(&self, v: &[i64; 3]) -> bool {
+        self.voxels.binary_search(v).is_ok()
+    }
+
+    /// Axis of the grid and side of the image.
+    pub fn side(&self) -> (usize, bool) {
+        self.face
     }
 
     /// Whether all of it lies beyond a plane.
     pub fn beyond(&self, mask: &Mask, plane: &Plane) -> bool {
-        self.voxels.iter().all(|v| plane.signed_distance(&self.outer(mask, v)) > 0.0)
-    }
-
-    /// The plane just inside the face, at the region's voxel nearest to `near`, its normal out of the picture.
-    pub fn plane(&self, mask: &Mask, near: &Point) -> Option<Plane> {
-        let position = |v: &[i64; 3]| mask.grid.to_world(Vector::new(v[0] as f64, v[1] as f64, v[2] as f64));
-        // Away from the region's rim, as far as voxels tell: the nearest of those with four neighbours.
-        let full = |v: &[i64; 3]| {
-            (0..4).all(|n| {
-                let mut w = *v;
-                w[(self.face.0 + 1 + n / 2) % 3] += if n % 2 == 0 { 1 } else { -1 };
-                self.voxels.binary_search(&w).is_ok()
-            })
-        };
-        let distance = |v: &[i64; 3]| (position(v) - near).norm();
-        let nearest = self.voxels.iter().min_by(|a, b| full(b).cmp(&full(a)).then(distance(a).total_cmp(&distance(b))))?;
-        let outward = mask.grid.axes.column(self.face.0).into_owned() * if self.face.1 { 1.0 } else { -1.0 };
-        Plane::new(position(nearest) + outward * (0.5 - INSET), outward)
-    }
-
-    /// Middle of a voxel's outer side.
-    fn outer(&self, mask: &Mask, v: &[i64; 3]) -> Point {
-        let mut x = Vector::new(v[0] as f64, v[1] as f64, v[2] as f64);
-        x[self.face.0] += if self.face.1 { 0.5 } else { -0.5 };
-        mask.grid.to_world(x)
+        self.voxels.iter().all(|v| {
+            let mut x = Vector::new(v[0] as f64, v[1] as f64, v[2] as f64);
+            x[self.face.0] += if self.face.1 { 0.5 } else { -0.5 };
+            plane.signed_distance(&mask.grid.to_world(x)) > 0.0
+        })
     }
 }
 
-/// Whether a plane lies along a face of the picture, within a voxel of it, where lumen meets that face.
+/// All regions of lumen on the image's border.
+pub fn border_regions(mask: &Mask) -> Vec<BorderRegion> {
+    let mut found = Vec::new();
+    for a in 0..3 {
+        for upper in [false, true] {
+            let at = mask.image[a][usize::from(upper)];
+            let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+            let mut seen = std::collections::BTreeSet::new();
+            for q in 0..mask.grid.dims[c] as i64 {
+                for p in 0..mask.grid.dims[b] as i64 {
+                    let mut v = [0; 3];
+                    (v[a], v[b], v[c]) = (at, p, q);
+                    if mask.at(v[0], v[1], v[2]) && !seen.contains(&v) {
+                        let voxels = flood(mask, v, (a, upper));
+                        seen.extend(voxels.iter().copied());
+                        found.extend(region(mask, voxels, (a, upper)));
+                    }
+                }
+            }
+        }
+    }
+    found
+}
+
+fn flood(mask: &Mask, first: [i64; 3], face: (usize, bool)) -> Vec<[i64; 3]> {
+    let mut voxels = vec![first];
+    let mut seen = std::collections::BTreeSet::from([first]);
+    let mut next = 0;
+    while next < voxels.len() {
+        let v = voxels[next];
+        next += 1;
+        for n in 0..4 {
+            let mut w = v;
+            w[(face.0 + 1 + n / 2) % 3] += if n % 2 == 0 { 1 } else { -1 };
+            let inside = (0..3).all(|a| w[a] >= mask.image[a][0] && w[a] <= mask.image[a][1]);
+            if inside && mask.at(w[0], w[1], w[2]) && seen.insert(w) {
+                voxels.push(w);
+            }
+        }
+    }
+    voxels.sort_unstable();
+    voxels
+}
+
+fn region(mask: &Mask, voxels: Vec<[i64; 3]>, face: (usize, bool)) -> Option<BorderRegion> {
+    let s = mask.grid.spacing();
+    let h = s[face.0];
+    let area = voxels.len() as f64 * s[(face.0 + 1) % 3] * s[(face.0 + 2) % 3];
+    let outer = |v: &[i64; 3]| {
+        let mut x = Vector::new(v[0] as f64, v[1] as f64, v[2] as f64);
+        x[face.0] += if face.1 { 0.5 } else { -0.5 };
+        mask.grid.to_world(x)
+    };
+    let middle = Point::from(voxels.iter().map(|v| outer(v).coords).sum::<Vector>() / voxels.len() as f64);
+    let outward = mask.grid.axes.column(face.0).into_owned() * if face.1 { 1.0 } else { -1.0 };
+    // Of a ring or crescent the middle lies outside: its voxel nearest to the middle stands for it.
+    let nearest = voxels.iter().map(outer).min_by(|p, q| (p - middle).norm().total_cmp(&(q - middle).norm()))?;
+    let origin = if (nearest - middle).norm() <= s.into_iter().fold(0.0, f64::max) { middle } else { nearest };
+    let plane = Plane::new(origin, outward)?;
+    let reach = voxels.iter().map(|v| (outer(v) - origin).norm()).fold(0.0, f64::max);
+    let radius = (area / std::f64::consts::PI).sqrt();
+    let mut found =
+        BorderRegion { face, plane, area, reach, kind: AtBorder::Grazes, axis: plane.normal, straight: 0.0, voxel: h, largest: area, voxels };
+    if found.voxels.len() < LEAST {
+        return Some(found);
+    }
+    let near = 2.0 * s.into_iter().fold(0.0, f64::max);
+    let profile = Profile::new(mask, &plane, h, 0.5 * h, near, (2.0 * radius).max(2.0 * h))?;
+    let at = |radii: f64| profile.area((radii * radius).max(0.5 * h));
+    let first = at(0.0);
+    let [least, most] = profile.range(0.5 * h, 2.0 * radius);
+    (found.axis, found.straight) = profile.axis(&plane.normal, radius);
+    found.largest = most;
+    if std::env::var_os("LM_DEBUG").is_some() { eprintln!("DBG region {:?} area {:.2} r {radius:.2} reach {reach:.2} .5 {:.2} .75 {:.2} 1 {:.2} least {:.2} most {:.2}", plane.origin.coords.as_slice(), area, at(0.5)/first, at(0.75)/first, at(1.0)/first, least/first, most/first); }
+    found.kind = if at(0.75) < 0.6 * first || at(0.5) > 1.9 * first {
+        AtBorder::Grazes
+    } else if most <= 1.75 * first && least < 0.3 * first {
+        AtBorder::CroppedSac
+    } else {
+        AtBorder::Leaves
+    };
+    Some(found)
+}
+
+/// Whether a plane lies along a face of the image, within a voxel of it, where lumen meets that face.
 pub(super) fn along_face(mask: &Mask, plane: &Plane) -> bool {
     let x = mask.grid.to_index(&plane.origin);
     (0..3).any(|a| {
@@ -116,7 +196,7 @@ pub(super) fn in_image(mask: &Mask, p: &Point) -> bool {
     (0..3).all(|a| x[a] >= mask.image[a][0] as f64 && x[a] <= mask.image[a][1] as f64)
 }
 
-/// Whether the disc lies between the centres of the picture's outermost voxels.
+/// Whether the disc lies between the centres of the image's outermost voxels.
 pub(super) fn disc_inside(mask: &Mask, plane: &Plane, radius: f64) -> bool {
     let (u, v) = plane.basis();
     (0..16).all(|n| {

@@ -1,12 +1,12 @@
-//! Ends of vessels found from the centerline and the mask.
+//! Ends of vessels found from the mask's boundary, and from the centerline where the boundary says nothing.
 //!
-//! Every free end of the centerline is either an opening or a blind end with its reason.
+//! Every flat face, every region of lumen on the image's border and every other free end of the centerline is either
+//! an opening or a closed end with its reason.
 //!
-//! *Leaving the image*: the free end lies at or beyond the border of the picture and lumen voxels stand on that
-//! border. The cut is square to the axis at the first place whose whole section lies inside the picture; along the
-//! picture's face where several vessels leave through one region of it, or a square cut would not take all of it off.
+//! *Flat faces and border regions* are found without the centerline: see [`super::faces`], [`super::border`] and, for
+//! their planes, [`super::evidence`]. A free end of the centerline at one of them is that end.
 //!
-//! *A blunt end* inside the image is cut at the first place, from half a radius and a voxel behind a flat tip and nine
+//! *A round end* inside the image is cut at the first place, from half a radius and a voxel behind a flat tip and nine
 //! tenths of a radius behind a dome on, at which the section has settled: its area is no longer growing, and it is no
 //! wider than a vessel's. The plane is square to the line through the middles of the sections round it.
 //!
@@ -23,12 +23,14 @@
 
 use serde::Serialize;
 
-use super::border::{Region, disc_inside, in_image};
+use super::border::AtBorder;
+use super::evidence::{CutDirection, Evidence, Face};
 use super::names::{self, Sized};
+use super::removed::removed;
 use super::section::{Section, section};
 use super::shared::{self, Ending};
 use super::walk::Walk;
-use super::{FoundBy, Opening};
+use super::{FoundBy, Opening, Support};
 use crate::centerline::{Centerlines, EndKind};
 use crate::geometry::{Plane, Point};
 use crate::mask::Mask;
@@ -56,6 +58,10 @@ pub struct DetectOptions {
     pub sac_width: f64,
     /// Ends shorter than this many diameters outside their junction's sphere are bumps.
     pub bump_diameters: f64,
+    /// How ends with a flat face are cut.
+    pub cut: CutDirection,
+    /// A round end whose section is above this many times its inscribed circle stays closed.
+    pub largest_section: f64,
 }
 
 impl Default for DetectOptions {
@@ -69,6 +75,8 @@ impl Default for DetectOptions {
             sac_widening: 1.2,
             sac_width: 1.3,
             bump_diameters: 1.0,
+            cut: CutDirection::Auto,
+            largest_section: 4.0,
         }
     }
 }
@@ -89,12 +97,20 @@ pub enum BlindReason {
     SharedOpening,
     /// Each of its sections runs through another vessel, which a cut would take off.
     SharedSection,
+    /// Its section is far larger than its inscribed circle.
+    LargeSection,
+    /// A cut would take off more than its tip.
+    TakesMore,
+    /// The vessel runs along the image's border there.
+    GrazesBorder,
+    /// A sac is cropped by the image's border.
+    CroppedSac,
 }
 
 /// A free end of the centerline that stays closed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BlindEnd {
-    /// Where the centerline ends, LPS mm.
+    /// Where it ends, LPS mm.
     pub tip: Point,
     /// Why it is not opened.
     pub reason: BlindReason,
@@ -130,46 +146,60 @@ pub struct DetectReport {
     pub blind: Vec<BlindEnd>,
     /// Sentences for people.
     pub warnings: Vec<String>,
+    /// Inlets that were a close choice, a sentence each.
+    pub close_choices: Vec<String>,
 }
 
-/// Finds the openings of every component. The mask must be the one that the centerlines come from.
+/// Finds the openings of every component. The mask must be the one that the centerlines come from; `evidence` has one
+/// entry a component.
 ///
 /// Openings come by id; see the module on names for their order. Never fails: a component without openings stands
 /// in the warnings.
-pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec<Opening>, DetectReport) {
+pub fn detect(mask: &Mask, lines: &Centerlines, evidence: &[Evidence], options: &DetectOptions) -> (Vec<Opening>, DetectReport) {
     let mut report = DetectReport::default();
     let mut found: Vec<(Sized, FoundEnd)> = Vec::new();
+    for (component, own) in evidence.iter().enumerate() {
+        let component = component as u32;
+        for region in &own.regions {
+            match region.kind {
+                AtBorder::Leaves => found.push(opened(mask, &Face::from(region), FoundBy::ImageBorder, component, options, &mut report.warnings)),
+                kind => report.blind.push(at_border(region, kind, component, &mut report.warnings)),
+            }
+        }
+        for face in &own.faces {
+            // A face in the image's border is a border region already.
+            let twice = |r: &super::BorderRegion| (r.plane.origin - face.plane.origin).norm() < 0.8 * r.radius().max(face.radius()) && r.plane.normal.dot(&face.plane.normal) > 0.5;
+            if !own.regions.iter().any(twice) {
+                found.push(opened(mask, &Face::from(face), FoundBy::FlatFace, component, options, &mut report.warnings));
+            }
+        }
+    }
     let mut inside: Vec<(Leaving, BlindEnd)> = Vec::new();
-    let mut regions: Vec<(Region, Vec<Leaving>)> = Vec::new();
     for (n, branch) in lines.branches.iter().enumerate() {
         for end in 0..2 {
             if branch.ends[end] != EndKind::Free || branch.samples.len() < 2 {
                 continue;
             }
             let walk = Walk::new(branch, end);
-            let region = Region::at(mask, &walk.point[0]);
-            match (one(mask, lines, n, &walk, options, region.is_some()), region) {
-                (Ok(f), Some(region)) => match regions.iter_mut().find(|r| r.0 == region) {
-                    Some((_, ends)) => ends.push(f),
-                    None => regions.push((region, vec![f])),
-                },
-                (Ok(f), None) => inside.push((f, blind_end(&walk, BlindReason::SharedOpening, branch.component))),
-                (Err(reason), _) => report.blind.push(blind_end(&walk, reason, branch.component)),
+            let tip = walk.point[0];
+            if evidence.get(branch.component as usize).is_some_and(|e| accounts_for(e, &tip)) {
+                continue;
+            }
+            match one(mask, lines, n, &walk, options) {
+                Ok(f) => inside.push((f, blind_end(&walk, BlindReason::SharedOpening, branch.component))),
+                Err(reason) => report.blind.push(blind_end(&walk, reason, branch.component)),
             }
         }
     }
     let endings: Vec<Ending> = inside.iter().map(|(f, _)| f.ending()).collect();
     for ((f, closed), reason) in inside.into_iter().zip(shared::settle(&endings)) {
-        match reason {
+        match reason.or_else(|| f.takes_more(mask, options, &found)) {
             None => found.push(f.settled(&mut report.warnings)),
             Some(reason) => report.blind.push(BlindEnd { reason, ..closed }),
         }
     }
-    for (region, ends) in regions {
-        found.push(leave(mask, &region, ends, &mut report.warnings));
-    }
     let (mut sized, tips): (Vec<Sized>, Vec<FoundEnd>) = found.into_iter().unzip();
-    names::choose_inlets(&mut sized);
+    report.close_choices = names::choose_inlets(&mut sized);
     let openings = names::assign(sized);
     for o in &openings {
         if let Some(f) = tips.iter().find(|f| f.center == o.plane.origin) {
@@ -192,6 +222,65 @@ pub fn detect(mask: &Mask, lines: &Centerlines, options: &DetectOptions) -> (Vec
     (openings, report)
 }
 
+/// Whether a free end of the centerline is one that a face or border region stands for.
+fn accounts_for(evidence: &Evidence, tip: &Point) -> bool {
+    let at_region = |r: &super::BorderRegion| match r.kind {
+        AtBorder::Leaves | AtBorder::CroppedSac => r.holds(tip),
+        // Ends of the vessel that runs along there are ends of their own.
+        AtBorder::Grazes => r.holds(tip) && r.plane.signed_distance(tip) > -1.5 * r.voxel,
+    };
+    evidence.faces.iter().any(|f| f.closes(tip)) || evidence.regions.iter().any(at_region)
+}
+
+/// The opening that a face or border region stands for.
+fn opened(mask: &Mask, face: &Face, found_by: FoundBy, component: u32, options: &DetectOptions, warnings: &mut Vec<String>) -> (Sized, FoundEnd) {
+    let placed = face.placed(mask, options.cut);
+    let at = placed.plane.origin;
+    if placed.no_room {
+        warnings.push(format!("the flat end at {:.1?} is cut along its face: a square cut (openings.cut) has no room there", at.coords.as_slice()));
+    }
+    let radius = (placed.expected / std::f64::consts::PI).sqrt();
+    let support = Support { axis: face.axis, square_area: placed.square_area, expected_area: Some(placed.expected), along_face: placed.along };
+    let opening = Opening {
+        id: 0,
+        name: String::new(),
+        kind: PatchKind::Outlet,
+        plane: placed.plane,
+        radius,
+        support,
+        found_by,
+        confidence: if found_by == FoundBy::ImageBorder { 1.0 } else { 0.95 },
+        component,
+    };
+    let end = FoundEnd {
+        name: String::new(),
+        center: at,
+        tip: face.plane.origin,
+        from_tip: -face.plane.signed_distance(&at),
+        area: placed.expected,
+    };
+    (Sized { opening, fixed: false }, end)
+}
+
+/// A border region that stays closed.
+fn at_border(region: &super::BorderRegion, kind: AtBorder, component: u32, warnings: &mut Vec<String>) -> BlindEnd {
+    let reason = if kind == AtBorder::CroppedSac { BlindReason::CroppedSac } else { BlindReason::GrazesBorder };
+    let at = region.plane.origin;
+    let what = match kind {
+        AtBorder::CroppedSac => "a sac is cropped by the image's border",
+        _ => "the vessel runs along the image's border",
+    };
+    if region.reach > 2.0 * region.voxel {
+        let share = 100.0 * (1.0 - region.area / region.largest.max(region.area)).clamp(0.0, 1.0);
+        let narrower = if share >= 1.0 { format!(", {share:.0} % less than the section behind") } else { String::new() };
+        warnings.push(format!(
+            "{what} at ({:.1}, {:.1}, {:.1}) mm, over {:.1} mm2{narrower}: it is closed flat there; give a plane under `openings:` where it is an end",
+            at.x, at.y, at.z, region.area
+        ));
+    }
+    BlindEnd { tip: at, reason, radius: region.radius(), length: 0.0, component }
+}
+
 fn blind_end(walk: &Walk, reason: BlindReason, component: u32) -> BlindEnd {
     let (length, radius) = walk.outside();
     BlindEnd { tip: walk.point[0], reason, radius, length, component }
@@ -203,42 +292,37 @@ fn one(
     branch: usize,
     walk: &Walk,
     options: &DetectOptions,
-    border: bool,
 ) -> Result<Leaving, BlindReason> {
     let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
     let flat = flatness(mask, walk, voxel);
-    if !border {
-        if let Some(reason) = blind(lines, branch, walk, options, flat) {
-            return Err(reason);
-        }
+    if let Some(reason) = blind(lines, branch, walk, options, flat) {
+        return Err(reason);
     }
-    let inside = |p: &Point| in_image(mask, p);
     let (length, _) = walk.outside();
     let farthest = if walk.junction.is_some() { length.max(0.3 * walk.total()) } else { 0.5 * walk.total() };
     let from_tip = if flat { options.tip_radii * walk.radius[0] + voxel } else { options.dome_radii * walk.radius[0] + 0.5 * voxel };
-    let first = if border { 0.0 } else { from_tip };
+    let first = from_tip;
     let mut best: Option<(f64, f64, Plane, f64, Section)> = None;
     let mut settled_at: Option<f64> = None;
     let mut t = first.min(farthest);
     loop {
-        let (p, d, r) = walk.square(mask, t, farthest - t, border);
+        let (p, d, r) = walk.square(mask, t, farthest - t);
         let looked = Plane::new(p, d).and_then(|plane| {
             let s = section(mask, &plane, 4.0 * r + 2.0 * voxel)?;
             Some((plane, s))
         });
         if let Some((plane, s)) = looked {
-            let whole = !border || disc_inside(mask, &plane, s.reach.min(2.5 * r));
-            let further = walk.at((t + r).min(farthest), |p| !border || inside(p));
+            let further = walk.at((t + r).min(farthest));
             // Square to the same axis: near a tip the centerline's own direction is no measure.
             let next = Plane::new(further.0, d).and_then(|q| section(mask, &q, 4.0 * further.2 + 2.0 * voxel));
             let settled = options.settled - 0.1 * (voxel / r).min(1.0);
             let grown = next.is_some_and(|n| s.area < settled * n.area.min(1.5 * s.area) && n.area < 2.0 * s.area);
             // Thin sections are too rough to tell; in a vessel that widens for long the first places are as good.
             let late = t > (first + 1.25 * r).min(LATEST * r).max(first);
-            if whole && (border || late || !grown) {
+            if late || !grown {
                 let from = *settled_at.get_or_insert(t);
                 let ratio = s.area / (std::f64::consts::PI * r * r);
-                let taking = !border && shared::takes_off(lines, &shared::others(lines, branch, &plane, &s), &plane, r);
+                let taking = shared::takes_off(lines, &shared::others(lines, branch, &plane, &s), &plane, r);
                 let badness = (ratio / options.max_area_ratio).max(s.aspect / 2.0).max(if s.clipped || taking { 9.0 } else { 0.0 });
                 if best.as_ref().is_none_or(|b| badness < b.0) {
                     best = Some((badness, t, plane, r, s));
@@ -256,26 +340,27 @@ fn one(
     if best.is_none() {
         // Never settled: as far from the tip as may be is the best there is.
         let t = walk.radius[0].min(farthest);
-        let (p, d, r) = walk.square(mask, t, farthest - t, border);
+        let (p, d, r) = walk.square(mask, t, farthest - t);
         best = Plane::new(p, d).and_then(|plane| Some((2.0, walk.radius[0].min(farthest), plane, r, section(mask, &plane, 4.0 * r + 2.0 * voxel)?)));
     }
     let Some((badness, from_tip, plane, radius, s)) = best else { return Err(BlindReason::NoSection) };
     let diameters = length / (2.0 * radius);
-    let confidence = if border { 1.0 } else { (0.6 + 0.2 * f64::from(flat) + 0.05 * (diameters - 1.0)).clamp(0.5, 0.95) };
+    let confidence = (0.6 + 0.2 * f64::from(flat) + 0.05 * (diameters - 1.0)).clamp(0.5, 0.95);
     let opening = Opening {
         id: 0,
         name: String::new(),
         kind: PatchKind::Outlet,
         plane,
         radius,
-        found_by: if border { FoundBy::ImageBorder } else { FoundBy::BluntEnd },
+        support: Support { axis: plane.normal, square_area: s.area, expected_area: None, along_face: false },
+        found_by: FoundBy::BluntEnd,
         confidence,
         component: lines.branches[branch].component,
     };
     let end = FoundEnd { name: String::new(), center: plane.origin, tip: walk.point[0], from_tip, area: s.area };
-    let others = if border { Vec::new() } else { shared::others(lines, branch, &plane, &s) };
+    let others = shared::others(lines, branch, &plane, &s);
     let takes_off = shared::takes_off(lines, &others, &plane, radius);
-    Ok(Leaving { sized: Sized { opening, area: s.area, fixed: false }, end, badness, section: s, branch, others, takes_off })
+    Ok(Leaving { sized: Sized { opening, fixed: false }, end, badness, section: s, branch, others, takes_off })
 }
 
 /// An end with its place, before it is known how good that is.
@@ -300,10 +385,27 @@ impl Leaving {
             tip: self.end.tip,
             plane: o.plane,
             radius: o.radius,
-            area: self.sized.area,
+            area: self.end.area,
             others: self.others.clone(),
             takes_off: self.takes_off,
         }
+    }
+
+    /// Why a cut there would be no cut of a tip, if it is none.
+    fn takes_more(&self, mask: &Mask, options: &DetectOptions, faces: &[(Sized, FoundEnd)]) -> Option<BlindReason> {
+        let o = &self.sized.opening;
+        let area = self.end.area;
+        if self.section.clipped || area > options.largest_section * std::f64::consts::PI * o.radius * o.radius {
+            return Some(BlindReason::LargeSection);
+        }
+        let radius = (area / std::f64::consts::PI).sqrt();
+        let longest = self.end.from_tip.max(2.0 * radius) + 2.0 * mask.grid.voxel_diagonal();
+        let taken = removed(mask, &o.plane, self.section.points(&o.plane), 1.5 * area * longest);
+        let beside = |f: &FoundEnd| {
+            let d = f.center - o.plane.origin;
+            d.norm() < longest + radius && o.plane.signed_distance(&f.center) > -0.5 * radius
+        };
+        (taken.more || taken.length > 1.5 * longest || faces.iter().any(|f| f.0.opening.found_by != FoundBy::BluntEnd && beside(&f.1))).then_some(BlindReason::TakesMore)
     }
 
     /// The opening there; an irregular section costs confidence and is told.
@@ -320,34 +422,6 @@ impl Leaving {
         }
         (self.sized, self.end)
     }
-}
-
-/// The opening through which a region of the picture's border is left.
-///
-/// Square to the axis where one end leaves through it with a regular section and the cut takes off all of the region;
-/// otherwise along the face, so that nothing that leaves the picture stays.
-fn leave(mask: &Mask, region: &Region, mut ends: Vec<Leaving>, warnings: &mut Vec<String>) -> (Sized, FoundEnd) {
-    ends.sort_by(|a, b| b.sized.area.total_cmp(&a.sized.area));
-    let several = ends.len() > 1;
-    let mut first = ends.swap_remove(0);
-    let square = !several && first.badness <= 1.0 && region.beyond(mask, &first.sized.opening.plane);
-    let face = if square { None } else { region.plane(mask, &first.end.tip) };
-    let Some(plane) = face else { return first.settled(warnings) };
-    let area = region.area(mask);
-    let o = &mut first.sized.opening;
-    o.plane = plane;
-    o.radius = (area / std::f64::consts::PI).sqrt();
-    o.confidence = 0.7;
-    first.sized.area = area;
-    first.end.center = plane.origin;
-    first.end.from_tip = 0.0;
-    first.end.area = area;
-    warnings.push(format!(
-        "the lumen leaves the image at {:.3?} through an area of {area:.2} mm2 that no plane square to one axis takes off{}: it is cut along the image's face; check this opening",
-        plane.origin.coords.as_slice(),
-        if several { " (several vessels meet there)" } else { "" }
-    ));
-    (first.sized, first.end)
 }
 
 /// Why this end is blind, if it is.
@@ -413,7 +487,7 @@ fn quantile(values: impl Iterator<Item = f64>, q: f64) -> f64 {
 fn flatness(mask: &Mask, walk: &Walk, voxel: f64) -> bool {
     let r = walk.radius[0];
     let area = |t: f64| {
-        let (p, d, r) = walk.at(t.min(walk.total()), |_| true);
+        let (p, d, r) = walk.at(t.min(walk.total()));
         Plane::new(p, d).and_then(|q| section(mask, &q, 4.0 * r + 2.0 * voxel)).map_or(0.0, |s| s.area)
     };
     // A half ball reaches 80 % of its section at 0.55 radii, a blunt end at once but for voxel stairs.

@@ -2,22 +2,30 @@
 
 mod axis;
 mod border;
+mod boundary_points;
 mod cap;
 mod cut;
 mod detect;
+mod evidence;
 mod extend;
+mod faces;
 mod names;
 mod naming;
 mod refine;
+mod removed;
 mod rims;
 mod section;
 mod shared;
+mod slices;
 mod user;
 mod walk;
 
 pub use cut::{CutOptions, CutSummary, Cutter, OpeningMeasure, cut, cut_each, measure};
 pub use rims::{RimOptions, RimSummary};
 pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, detect};
+pub use border::{AtBorder, BorderRegion};
+pub use evidence::{CutDirection, Evidence};
+pub use faces::FlatFace;
 pub use extend::{ExtendError, Extended, Extension, LEAST_LEFT, Tube, clear as clear_extensions, equivalent_radius};
 pub use refine::refine;
 pub use section::{Section, section};
@@ -25,7 +33,7 @@ pub use user::{UserError, UserOpenings, UserPlane, apply_user};
 
 use serde::Serialize;
 
-use crate::geometry::{Plane, Point};
+use crate::geometry::{Plane, Point, Vector};
 use crate::mesh::{Patch, PatchId, PatchKind};
 
 /// How an opening was found.
@@ -36,6 +44,8 @@ pub enum FoundBy {
     User,
     /// The vessel leaves the image there.
     ImageBorder,
+    /// The lumen ends in a plane inside the image.
+    FlatFace,
     /// A blunt end of the vessel inside the image.
     BluntEnd,
 }
@@ -51,14 +61,43 @@ pub struct Opening {
     pub kind: PatchKind,
     /// Cut plane: origin on the vessel's axis, normal out of the vessel.
     pub plane: Plane,
-    /// Radius of the largest inscribed sphere at the plane, mm: tells which branch is meant.
+    /// Radius of the vessel at the plane, mm: tells which branch is meant.
     pub radius: f64,
+    /// What the mask says of the vessel there.
+    pub support: Support,
     /// How it was found.
     pub found_by: FoundBy,
     /// 0 to 1; 1 for planes given by the user.
     pub confidence: f64,
     /// Connected component of the mask that it belongs to.
     pub component: u32,
+}
+
+/// What the mask says of a vessel at its opening.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Support {
+    /// Axis of the vessel, out of it, of unit length.
+    pub axis: Vector,
+    /// Area of the section square to the axis, mm²: what sizes the vessel.
+    pub square_area: f64,
+    /// Area that the opening should have by the flat face or border region that it stands for, mm².
+    pub expected_area: Option<f64>,
+    /// Whether the plane lies along that face, and stays as it is.
+    pub along_face: bool,
+}
+
+impl Support {
+    /// A round vessel whose axis is the plane's normal.
+    pub fn round(plane: &Plane, radius: f64) -> Support {
+        Support { axis: plane.normal, square_area: std::f64::consts::PI * radius * radius, expected_area: None, along_face: false }
+    }
+}
+
+impl Opening {
+    /// Angle between the plane's normal and the vessel's axis, degrees.
+    pub fn tilt(&self) -> f64 {
+        self.plane.normal.dot(&self.support.axis).clamp(-1.0, 1.0).acos().to_degrees()
+    }
 }
 
 /// Why an opening cannot be made.

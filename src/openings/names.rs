@@ -1,7 +1,10 @@
 //! Names and numbers of openings, the same from run to run and from mesh size to mesh size.
 //!
-//! Within a component the largest section of the mask is `inlet`; the others are `outlet_1`, `outlet_2`… by falling
-//! section area, ties by position. The openings of the second component are `c2_inlet`, `c2_outlet_1`… and so on.
+//! Within a component the vessel with the largest section square to its axis is `inlet`; the others are `outlet_1`,
+//! `outlet_2`… by falling section. Sections that differ by less than a tenth count as equal for the inlet, by less than
+//! a hundredth for the order: then the end farther towards the feet comes first, then the one farther to the back, then the
+//! one farther to the left, so that resolution, reflection and the order of the axes change nothing. The openings of the
+//! second component are `c2_inlet`, `c2_outlet_1`… and so on.
 //! A name that the user did not touch stays with its vessel, whatever becomes of the others: numbers are not closed up.
 //! Ids: the wall is 1, then all inlets, then all outlets, each by component and then by area.
 
@@ -10,42 +13,91 @@ use std::cmp::Ordering;
 use super::Opening;
 use crate::mesh::{PatchKind, WALL};
 
-/// An opening with the area of the mask's section in its plane.
+/// An opening on its way to its name.
 pub(super) struct Sized {
     pub opening: Opening,
-    pub area: f64,
     /// Named by the user: keeps its name.
     pub fixed: bool,
 }
 
-fn order(a: &Sized, b: &Sized) -> Ordering {
-    let place = |s: &Sized| {
-        let p = s.opening.plane.origin;
-        [p.x, p.y, p.z]
-    };
-    a.opening.component.cmp(&b.opening.component).then(b.area.total_cmp(&a.area)).then_with(|| {
-        let (p, q) = (place(a), place(b));
-        (0..3).map(|i| p[i].total_cmp(&q[i])).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
-    })
+impl Sized {
+    fn area(&self) -> f64 {
+        self.opening.support.square_area
+    }
 }
 
-/// Makes the largest section of every component that has no inlet its inlet.
-pub(super) fn choose_inlets(list: &mut [Sized]) {
-    list.sort_by(order);
+/// Sections that differ by less count as equal where the inlet is chosen.
+const CLOSE: f64 = 0.1;
+/// The same in the order of names.
+const EQUAL: f64 = 0.01;
+/// Positions that differ by less than this many radii count as equal.
+const BESIDE: f64 = 0.25;
+
+/// Which of two ends comes first by position: farther down, then back, then left, in the patient's own axes (LPS).
+fn by_position(a: &Opening, b: &Opening) -> Ordering {
+    let (p, q) = (a.plane.origin, b.plane.origin);
+    let near = BESIDE * a.radius.min(b.radius);
+    let steps = [p.z - q.z, q.y - p.y, q.x - p.x];
+    let first = steps.into_iter().find(|d| d.abs() > near).unwrap_or(0.0);
+    first.total_cmp(&0.0)
+}
+
+/// Components in turn, each by falling section; ends of equal sections by position.
+fn sort(list: &mut [Sized]) {
+    let exact = |s: &Sized| {
+        let p = s.opening.plane.origin;
+        [p.z, p.y, p.x]
+    };
+    let place = |a: &Sized, b: &Sized| exact(a).iter().zip(exact(b)).map(|(p, q)| p.total_cmp(&q)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal);
+    list.sort_by(|a, b| a.opening.component.cmp(&b.opening.component).then(b.area().total_cmp(&a.area())).then_with(|| place(a, b)));
+    // Neighbours in the order whose sections are equal: a group is all within the tolerance of its first.
+    let mut n = 0;
+    while n < list.len() {
+        let first = (list[n].opening.component, list[n].area());
+        let alike = |s: &&Sized| s.opening.component == first.0 && s.area() > (1.0 - EQUAL) * first.1;
+        let end = n + list[n..].iter().take_while(alike).count().max(1);
+        // One after the other: an order with a tolerance is none that can be sorted by.
+        for at in n..end {
+            let first = (at..end).min_by(|&i, &j| by_position(&list[i].opening, &list[j].opening)).unwrap_or(at);
+            list[at..=first].rotate_right(1);
+        }
+        n = end;
+    }
+}
+
+/// Makes the largest vessel of every component that has no inlet its inlet; says where that was a close choice.
+pub(super) fn choose_inlets(list: &mut [Sized]) -> Vec<String> {
+    sort(list);
+    let mut notes = Vec::new();
     let mut n = 0;
     while n < list.len() {
         let component = list[n].opening.component;
         let end = n + list[n..].iter().take_while(|s| s.opening.component == component).count();
         let group = &mut list[n..end];
-        if group.iter().all(|s| s.opening.kind != PatchKind::Inlet) {
-            // A plane that the user calls an outlet stays one while there is another.
-            let first = group.iter().position(|s| !s.fixed).or(None);
-            if let Some(first) = first {
-                group[first].opening.kind = PatchKind::Inlet;
-            }
-        }
         n = end;
+        if group.iter().any(|s| s.opening.kind == PatchKind::Inlet) {
+            continue;
+        }
+        // A plane that the user calls an outlet stays one while there is another.
+        let free: Vec<usize> = (0..group.len()).filter(|&i| !group[i].fixed).collect();
+        let largest = free.iter().map(|&i| group[i].area()).fold(0.0, f64::max);
+        let close: Vec<usize> = free.into_iter().filter(|&i| group[i].area() > (1.0 - CLOSE) * largest).collect();
+        let Some(&chosen) = close.iter().min_by(|&&a, &&b| by_position(&group[a].opening, &group[b].opening)) else { continue };
+        group[chosen].opening.kind = PatchKind::Inlet;
+        if close.len() > 1 {
+            let at = |s: &Sized| {
+                let p = s.opening.plane.origin;
+                format!("({:.1}, {:.1}, {:.1}) of {:.2} mm2", p.x, p.y, p.z, s.area())
+            };
+            let others: Vec<String> = close.iter().filter(|&&i| i != chosen).map(|&i| at(&group[i])).collect();
+            notes.push(format!(
+                "the inlet was a close choice: {} was taken as the end farthest towards the feet, beside {}; openings.inlet names another",
+                at(&group[chosen]),
+                others.join(", ")
+            ));
+        }
     }
+    notes
 }
 
 /// Inlet or outlet, where a name says so: `inlet…`, `outlet…`, with or without the component's `c2_`.
@@ -61,7 +113,7 @@ pub(super) fn kind_of(name: &str) -> Option<PatchKind> {
 
 /// Gives found openings their names and ids; they come back by id.
 pub(super) fn assign(mut list: Vec<Sized>) -> Vec<Opening> {
-    list.sort_by(order);
+    sort(&mut list);
     let mut taken: Vec<String> = list.iter().filter(|s| s.fixed).map(|s| s.opening.name.clone()).collect();
     for s in list.iter_mut().filter(|s| !s.fixed) {
         s.opening.name = free(s.opening.kind, s.opening.component, &taken);
@@ -73,7 +125,7 @@ pub(super) fn assign(mut list: Vec<Sized>) -> Vec<Opening> {
 /// Ids for openings that have their names; only names that contradict what the opening has become are replaced: by
 /// one that is free and that no opening of `found` had.
 pub(super) fn keep(mut list: Vec<Sized>, found: &[String]) -> Vec<Opening> {
-    list.sort_by(order);
+    sort(&mut list);
     let contradicts = |s: &Sized| !s.fixed && kind_of(&s.opening.name).is_some_and(|kind| kind != s.opening.kind);
     let mut taken: Vec<String> = list.iter().filter(|s| !contradicts(s)).map(|s| s.opening.name.clone()).collect();
     for s in list.iter_mut().filter(|s| contradicts(s)) {
@@ -137,11 +189,12 @@ mod tests {
                 kind: PatchKind::Outlet,
                 plane,
                 radius: 1.0,
+                support: crate::openings::Support { square_area: *area, ..crate::openings::Support::round(&plane, 1.0) },
                 found_by: FoundBy::BluntEnd,
                 confidence: 1.0,
                 component,
             };
-            Sized { opening, area: *area, fixed: false }
+            Sized { opening, fixed: false }
         };
         areas.iter().enumerate().map(one).collect()
     }

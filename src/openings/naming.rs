@@ -63,7 +63,7 @@ pub(super) fn settle_inlets(
         }
         s.opening.kind = if inlet { PatchKind::Inlet } else { PatchKind::Outlet };
     }
-    names::choose_inlets(list);
+    warnings.extend(names::choose_inlets(list));
     Ok(())
 }
 

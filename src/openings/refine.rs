@@ -19,7 +19,7 @@ const LARGEST_TURN: f64 = 0.866;
 /// A plane along the picture's face, and one whose sections tell no better axis, stay as they are.
 pub fn refine(mask: &Mask, wall: &dyn Implicit, opening: &Opening) -> Opening {
     let (o, spacing) = (opening, mask.grid.spacing());
-    if along_face(mask, &o.plane) {
+    if o.support.along_face || along_face(mask, &o.plane) {
         return o.clone();
     }
     let cross = |plane: &Plane| {
@@ -103,6 +103,7 @@ mod tests {
             kind: PatchKind::Inlet,
             plane,
             radius: 2.0,
+            support: crate::openings::Support::round(&plane, 2.0),
             found_by: FoundBy::BluntEnd,
             confidence: 1.0,
             component: 0,

@@ -1,13 +1,15 @@
-//! Planes, names and wishes of the user.
+//! Planes and names given by the user.
 
 use serde::Serialize;
 
-use super::border::{Region, along_face, disc_inside, in_image};
+use super::border::{along_face, in_image};
 use super::names::{self, Sized};
 use super::naming;
-use super::section::section;
-use super::{FoundBy, Opening};
-use crate::centerline::{Centerlines, EndKind};
+use super::removed::removed;
+use super::section::{Section, section};
+use super::slices::Slices;
+use super::{FoundBy, Opening, Support};
+use crate::centerline::Centerlines;
 use crate::geometry::{Plane, Point, Vector};
 use crate::mask::Mask;
 use crate::mesh::PatchKind;
@@ -49,48 +51,28 @@ pub enum UserError {
         /// As given.
         normal: [f64; 3],
     },
-    /// The centre lies outside the lumen.
-    #[error("opening `{name}`: the plane's centre {center:.3?} misses the vessel by {distance:.3} mm; the nearest point of the axis is {nearest:.3?} (LPS mm): give a point inside the branch to be cut")]
+    /// The plane meets no lumen near its centre.
+    #[error("opening `{name}`: the plane at {center:.3?} meets no lumen near its centre; the nearest lumen is at {nearest:.3?}, {distance:.3} mm away{}: give a point inside the branch to be cut (LPS mm)", hint(*flipped))]
     Misses {
         /// Opening.
         name: String,
         /// As given, LPS mm.
         center: [f64; 3],
-        /// Distance from the inscribed sphere nearest to it, mm.
+        /// Distance of the nearest lumen, mm.
         distance: f64,
-        /// Nearest point of the centerline, LPS mm.
+        /// The nearest lumen, LPS mm.
         nearest: [f64; 3],
+        /// The centre as it would be were it given in RAS, where that lies in the lumen.
+        flipped: Option<[f64; 3]>,
     },
-    /// The plane's normal points along the wall.
-    #[error("opening `{name}`: at {center:.3?} the normal is {angle:.0}° off the vessel's axis {axis:.3?}; the plane must cross the vessel: turn it to less than 75°")]
-    Grazes {
-        /// Opening.
-        name: String,
-        /// As given, LPS mm.
-        center: [f64; 3],
-        /// Angle, degrees.
-        angle: f64,
-        /// Axis there, out of the vessel.
-        axis: [f64; 3],
-    },
-    /// The plane lies in a closed piece of the vessel that is no branch.
-    #[error("opening `{name}`: the plane at {center:.3?} cuts a sac or junction (its section is {ratio:.1} times that of the inscribed sphere): move it along the branch")]
-    Sac {
-        /// Opening.
-        name: String,
-        /// As given, LPS mm.
-        center: [f64; 3],
-        /// Section area by the area of the inscribed circle.
-        ratio: f64,
-    },
-    /// The normal points into the vessel: all of it would go.
-    #[error("opening `{name}` at {center:.3?} would cut off {share:.0} % of the vessel and leave the tip: turn the normal round")]
+    /// The normal points into the vessel: nothing but a tip would stay.
+    #[error("opening `{name}` at {center:.3?} would cut off {share:.0} % of the vessel and leave the tip: turn the normal round, it must point out of the vessel")]
     CutsEverything {
         /// Opening.
         name: String,
         /// As given, LPS mm.
         center: [f64; 3],
-        /// Percentage of the centerline's length on the removed side.
+        /// Percentage of the lumen's volume on the removed side.
         share: f64,
     },
     /// A name in `drop`, `rename` or `inlet` is unknown.
@@ -113,14 +95,17 @@ pub enum UserError {
     },
 }
 
+fn hint(flipped: Option<[f64; 3]>) -> String {
+    let said = |p: [f64; 3]| format!("; {p:.3?} lies in the lumen: the coordinates look like RAS, as 3D Slicer shows them, and must be LPS (x and y with the other sign)");
+    flipped.map_or(String::new(), said)
+}
+
 impl UserError {
     /// Name of the opening at fault.
     pub fn opening(&self) -> &str {
         match self {
             UserError::Normal { name, .. }
             | UserError::Misses { name, .. }
-            | UserError::Grazes { name, .. }
-            | UserError::Sac { name, .. }
             | UserError::CutsEverything { name, .. }
             | UserError::UnknownName { name, .. }
             | UserError::SameName { name, .. } => name,
@@ -137,9 +122,7 @@ pub fn apply_user(
 ) -> Result<(Vec<Opening>, Vec<String>), UserError> {
     let mut warnings = Vec::new();
     let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    let area = |o: &Opening| section(mask, &o.plane, 4.0 * o.radius + 2.0 * voxel).map_or(0.0, |s| s.area);
-    let mut list: Vec<Sized> =
-        detected.into_iter().map(|opening| Sized { area: area(&opening), opening, fixed: false }).collect();
+    let mut list: Vec<Sized> = detected.into_iter().map(|opening| Sized { opening, fixed: false }).collect();
     let found: Vec<String> = list.iter().map(|s| s.opening.name.clone()).collect();
     naming::drop_and_rename(&mut list, user)?;
     let mut given = naming::given(&list);
@@ -150,127 +133,111 @@ pub fn apply_user(
                 || s.opening.found_by == FoundBy::User
         });
         given.push(opening.name.clone());
-        list.push(Sized { area: area(&opening), opening, fixed: true });
+        list.push(Sized { opening, fixed: true });
     }
     naming::settle_inlets(&mut list, user, &given, &mut warnings)?;
     Ok((naming::distinct(names::keep(list, &found))?, warnings))
 }
 
-fn resolve(
-    mask: &Mask,
-    lines: &Centerlines,
-    user: &UserPlane,
-    voxel: f64,
-    warnings: &mut Vec<String>,
-) -> Result<Opening, UserError> {
-    let name = user.name.clone();
+/// Distance from the centre within which a plane's lumen is looked for, in the largest voxel edge.
+const NEAR: f64 = 3.0;
+/// A part left by a cut that is smaller than this many cubes of the section's radius is a tip.
+const TIP: f64 = 12.0;
+
+fn resolve(mask: &Mask, lines: &Centerlines, user: &UserPlane, voxel: f64, warnings: &mut Vec<String>) -> Result<Opening, UserError> {
     let center: [f64; 3] = user.center.into();
-    let plane = Plane::new(user.center, user.normal).ok_or(UserError::Normal { name, normal: user.normal.into() })?;
-    let name = user.name.clone();
-    // The branch whose inscribed spheres are nearest.
-    let mut nearest: Option<(f64, usize, usize)> = None;
-    for (b, branch) in lines.branches.iter().enumerate() {
-        for (i, s) in branch.samples.iter().enumerate() {
-            let d = (s.point - user.center).norm() - s.radius;
-            if nearest.is_none_or(|(n, ..)| d < n) {
-                nearest = Some((d, b, i));
-            }
-        }
-    }
-    let misses = |distance: f64, p: [f64; 3]| UserError::Misses { name: name.clone(), center, distance, nearest: p };
-    let Some((distance, b, i)) = nearest else { return Err(misses(f64::INFINITY, [f64::NAN; 3])) };
-    let branch = &lines.branches[b];
-    // Where the plane crosses the branch nearest to the centre.
-    let s = branch.samples.windows(2).enumerate().filter_map(|(n, w)| {
-        let [x, y] = [plane.signed_distance(&w[0].point), plane.signed_distance(&w[1].point)];
-        (x * y <= 0.0 && x != y).then(|| {
-            let p = w[0].point + (w[1].point - w[0].point) * (x / (x - y));
-            ((p - user.center).norm(), n, p)
-        })
-    });
-    let crossing = s.min_by(|a, b| a.0.total_cmp(&b.0));
-    let sample = &branch.samples[i];
-    if distance > 0.5 * sample.radius + voxel && !along_face(mask, &plane) {
-        return Err(misses(distance, sample.point.into()));
-    }
-    let (at, origin) = match crossing {
-        // There the centre itself is meant: the axis may leave the picture elsewhere.
-        _ if along_face(mask, &plane) => (i, user.center),
-        Some((d, n, p)) if d < 3.0 * sample.radius => (n, p),
-        _ => (i, plane.project(&sample.point)),
+    let given = Plane::new(user.center, user.normal).ok_or(UserError::Normal { name: user.name.clone(), normal: user.normal.into() })?;
+    let coarse = mask.grid.spacing().into_iter().fold(0.0, f64::max);
+    let Some((mut plane, mut cut)) = crossed(mask, &given, NEAR * coarse, voxel) else {
+        let nearest = nearest_lumen(mask, &user.center);
+        let flipped = Point::new(-user.center.x, -user.center.y, user.center.z);
+        let x = mask.grid.to_index(&flipped);
+        let inside = mask.at(x.x.round() as i64, x.y.round() as i64, x.z.round() as i64);
+        let distance = (nearest - user.center).norm();
+        return Err(UserError::Misses { name: user.name.clone(), center, distance, nearest: nearest.into(), flipped: inside.then(|| flipped.into()) });
     };
-    let sample = &branch.samples[at];
-    // A chord, not the tangent: near a tip the axis turns aside.
-    let near = branch.samples.iter().filter(|s| (s.arc_length - sample.arc_length).abs() <= 1.5 * sample.radius);
-    let (first, last) = near.fold((sample, sample), |(a, b), s| {
-        (if s.arc_length < a.arc_length { s } else { a }, if s.arc_length > b.arc_length { s } else { b })
-    });
-    let axis = (last.point - first.point).try_normalize(0.0).unwrap_or(sample.tangent);
-    let cosine = plane.normal.dot(&axis);
-    // A plane along the image's face opens whatever leaves there.
-    let face = along_face(mask, &plane);
-    if cosine.abs() < MOST_OBLIQUE && !face {
-        let axis = if cosine < 0.0 { -axis } else { axis };
-        return Err(UserError::Grazes { name, center, angle: cosine.abs().acos().to_degrees(), axis: axis.into() });
-    }
-    let mut plane = Plane { origin, normal: plane.normal };
-    // The axis may cross the plane beside the lumen where it turns aside.
-    if section(mask, &plane, voxel).is_none() {
-        plane.origin = user.center;
-    }
-    let end = usize::from(cosine > 0.0);
-    let to_end = if end == 1 { branch.length() - sample.arc_length } else { sample.arc_length };
-    if !face && branch.ends[end] == EndKind::Free && to_end <= 1.5 * sample.radius + voxel {
-        let (drawn, way) = drawn_in(mask, &plane, sample.radius, voxel);
+    // The axis tells sizes square to the vessel; where it runs along the plane it tells nothing.
+    let sample = lines.branches.iter().flat_map(|b| b.samples.iter().map(move |s| (s, b.component)));
+    let nearest = sample.min_by(|a, b| ((a.0.point - plane.origin).norm() - a.0.radius).total_cmp(&((b.0.point - plane.origin).norm() - b.0.radius)));
+    let component = nearest.map_or(0, |n| n.1);
+    let tangent = nearest.map_or(plane.normal, |n| n.0.tangent);
+    let axis = if tangent.dot(&plane.normal) < 0.0 { -tangent } else { tangent };
+    let axis = if axis.dot(&plane.normal) < 0.5 { plane.normal } else { axis };
+    let face = along_face(mask, &given);
+    if face {
+        plane.origin = if section(mask, &given, voxel).is_some() { given.origin } else { plane.origin };
+    } else {
+        let inscribed = nearest.map_or(f64::INFINITY, |n| n.0.radius);
+        let radius = inscribed.max((cut.area / std::f64::consts::PI).sqrt());
+        let (drawn, way) = drawn_in(mask, &plane, radius, voxel);
         if way > 0.0 {
             warnings.push(format!(
                 "opening `{}` lies at the tip of its vessel, where no section is whole: it is cut {way:.3} mm further in, at {:.3?} (LPS mm)",
                 user.name,
                 drawn.origin.coords.as_slice()
             ));
-            plane = drawn;
+            if let Some((at, whole)) = crossed(mask, &drawn, NEAR * coarse, voxel) {
+                (plane, cut) = (at, whole);
+            }
         }
     }
-    let Some(cut) = section(mask, &plane, 4.0 * sample.radius + 2.0 * voxel) else {
-        return Err(misses(distance.max(0.0), sample.point.into()));
-    };
-    let ratio = cut.area * cosine.abs() / (std::f64::consts::PI * sample.radius * sample.radius);
-    if (cut.clipped || ratio > 4.0) && !face {
-        return Err(UserError::Sac { name, center, ratio });
-    }
-    let leaving = if face { Region::at(mask, &plane.origin) } else { None };
-    let radius = leaving.map_or(sample.radius, |r| (r.area(mask) / std::f64::consts::PI).sqrt());
-    // What lies beyond: from the plane to the branch's end on the normal's side.
-    let beyond = if end == 1 { branch.length() - sample.arc_length } else { sample.arc_length };
-    let whole: f64 = lines.branches.iter().filter(|o| o.component == branch.component).map(|o| o.length()).sum();
-    let left = branch.length() - beyond;
-    let others = whole - branch.length();
-    let lone_tip = branch.ends[1 - end] == EndKind::Free && left < 2.0 * sample.radius;
-    if !face && (lone_tip || (branch.ends[end] == EndKind::Junction && branch.ends[1 - end] == EndKind::Free && beyond + others > left)) {
-        return Err(UserError::CutsEverything { name, center, share: 100.0 * (beyond + others) / whole });
+    let radius = (cut.area / std::f64::consts::PI).sqrt().max(voxel);
+    // What would go, and what would stay.
+    let all = mask.volume();
+    let taken = removed(mask, &plane, cut.points(&plane), all).volume;
+    let left = all - taken;
+    if !face && taken > left {
+        let back = Plane { origin: plane.origin, normal: -plane.normal };
+        let stays = removed(mask, &back, cut.points(&plane), all).volume;
+        if stays < TIP * radius.powi(3) {
+            return Err(UserError::CutsEverything { name: user.name.clone(), center, share: 100.0 * taken / (taken + stays) });
+        }
+        warnings.push(format!("opening `{}` cuts off {:.0} % of the lumen: turn its normal round where the other side is meant", user.name, 100.0 * taken / all));
     }
     let kind = user.kind.unwrap_or(if user.name.starts_with("inlet") { PatchKind::Inlet } else { PatchKind::Outlet });
-    if kind == PatchKind::Inlet && left < 2.0 * sample.radius {
-        warnings.push(format!(
-            "opening `{}` at {center:.3?} leaves {left:.3} mm of inlet before the next junction, less than a diameter ({:.3} mm): add an extension or move it out",
-            user.name,
-            2.0 * sample.radius
-        ));
-    }
     Ok(Opening {
         id: 0,
         name: user.name.clone(),
         kind,
         plane,
         radius,
+        support: Support { axis, square_area: cut.area * axis.dot(&plane.normal), expected_area: None, along_face: face },
         found_by: FoundBy::User,
         confidence: 1.0,
-        component: branch.component,
+        component,
     })
 }
 
-/// Cosine of the largest angle between a plane's normal and the vessel's axis, 75 degrees.
-const MOST_OBLIQUE: f64 = 0.259;
+/// The plane with its origin in the lumen that it crosses nearest to its own, no farther than `near` mm, and the
+/// section there: the one that holds the origin, whatever else the plane crosses.
+fn crossed(mask: &Mask, plane: &Plane, near: f64, voxel: f64) -> Option<(Plane, Section)> {
+    let whole = |plane: Plane| {
+        let mut reach = 24.0 * voxel;
+        loop {
+            let cut = section(mask, &plane, reach)?;
+            if !cut.clipped || reach > 4000.0 * voxel {
+                return Some((plane, cut));
+            }
+            reach *= 2.0;
+        }
+    };
+    whole(*plane).or_else(|| {
+        let slices = Slices::new(mask, plane, near, 0.5 * voxel);
+        let slice = slices.first(0.0, near)?;
+        // A sample a little inside the lumen, where the blurred mask is lumen too.
+        let samples = (0..slice.own.len()).filter(|&n| slice.own[n]).map(|n| slices.at(n, 0.0));
+        let mut sorted: Vec<Point> = samples.collect();
+        sorted.sort_by(|a, b| (a - plane.origin).norm().total_cmp(&(b - plane.origin).norm()));
+        sorted.into_iter().find_map(|p| whole(Plane { origin: p, normal: plane.normal }))
+    })
+}
+
+/// The middle of the lumen voxel nearest to a point.
+fn nearest_lumen(mask: &Mask, p: &Point) -> Point {
+    let at = |n: usize| mask.grid.to_world(Vector::from(mask.grid.voxel(n).map(|c| c as f64)));
+    let lumen = (0..mask.data.len()).filter(|&n| mask.data[n] != 0);
+    lumen.map(at).min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm())).unwrap_or(*p)
+}
 
 /// A plane near a tip, moved inwards to the first place whose section is whole: not cut short by the tip, with a voxel of
 /// lumen beyond, and inside the picture; where a vessel runs along the picture's side, inside it as far as the axis goes. The plane itself, and 0,
@@ -294,10 +261,7 @@ fn drawn_in(mask: &Mask, plane: &Plane, radius: f64, voxel: f64) -> (Plane, f64)
             found[0] = Some(way);
             break;
         }
-        let leaves = Region::at(mask, &at(way).origin).is_some() && !disc_inside(mask, &at(way), s.reach.min(2.5 * radius));
-        if !leaves {
-            found[if backed { 1 } else { 2 }].get_or_insert(way);
-        }
+        found[if backed { 1 } else { 2 }].get_or_insert(way);
     }
     found.into_iter().flatten().next().map_or((*plane, 0.0), |way| (at(way), way))
 }

@@ -1,7 +1,6 @@
 //! A branch as seen from its free end.
 
 use super::axis::axis;
-use super::border::{disc_inside, in_image};
 use super::section::section;
 use crate::centerline::{Branch, EndKind};
 use crate::geometry::{Plane, Point, Vector};
@@ -52,7 +51,7 @@ impl Walk {
 
     /// Position, outward direction and radius at a distance from the tip; the direction is averaged over
     /// half a radius towards the tip and one radius away from it.
-    pub fn at(&self, t: f64, keep: impl Fn(&Point) -> bool) -> (Point, Vector, f64) {
+    pub fn at(&self, t: f64) -> (Point, Vector, f64) {
         let i = self.arc.partition_point(|&a| a < t).clamp(1, self.arc.len() - 1);
         let f = ((t - self.arc[i - 1]) / (self.arc[i] - self.arc[i - 1])).clamp(0.0, 1.0);
         let p = self.point[i - 1] + (self.point[i] - self.point[i - 1]) * f;
@@ -62,7 +61,7 @@ impl Walk {
         for j in 0..self.free() {
             let x = (self.arc[j] - t) / r;
             let w = if x < 0.0 { 1.0 + x / 0.5 } else { 1.0 - x / 1.0 };
-            if w > 0.0 && keep(&self.point[j]) {
+            if w > 0.0 {
                 d += self.outward[j] * w;
             }
         }
@@ -74,17 +73,15 @@ impl Walk {
     /// Near a tip the centerline may turn aside by more than a right angle's half: its direction there, a radius and
     /// two further in, and the way from there are each made square; the one with the smallest section half a radius
     /// further in, away from the tip, is the vessel's.
-    pub fn square(&self, mask: &Mask, t: f64, inwards: f64, border: bool) -> (Point, Vector, f64) {
-        let usable = |p: &Point| !border || in_image(mask, p);
-        let whole = |plane: &Plane, reach: f64| !border || disc_inside(mask, plane, reach);
-        let (p, own, r) = self.at(t, usable);
+    pub fn square(&self, mask: &Mask, t: f64, inwards: f64) -> (Point, Vector, f64) {
+        let (p, own, r) = self.at(t);
         let voxel = mask.grid.spacing().into_iter().fold(f64::INFINITY, f64::min);
         let far = t + (2.0 * r).min(inwards);
-        let further: [(Point, Vector, f64); 2] = [0.5, 1.0].map(|f| self.at(t + f * (far - t), usable));
+        let further: [(Point, Vector, f64); 2] = [0.5, 1.0].map(|f| self.at(t + f * (far - t)));
         let mut guesses = vec![own, further[0].1, further[1].1];
         guesses.extend((p - further[1].0).try_normalize(0.1 * r));
         let cross = |plane: &Plane| {
-            let s = section(mask, plane, 3.0 * r + 2.0 * voxel).filter(|s| !s.clipped && whole(plane, s.reach.min(2.5 * r)))?;
+            let s = section(mask, plane, 3.0 * r + 2.0 * voxel).filter(|s| !s.clipped)?;
             Some((s.center, s.area))
         };
         let mut best: Option<(f64, Point, Vector)> = None;

@@ -176,6 +176,7 @@ mod tests {
             kind: PatchKind::Outlet,
             plane,
             radius: 2.0,
+            support: openings::Support::round(&plane, 2.0),
             found_by: FoundBy::BluntEnd,
             confidence: 0.5,
             component: 0,

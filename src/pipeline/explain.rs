@@ -40,7 +40,8 @@ pub(super) fn large_islands(report: &CleaningReport, kept: usize) -> Vec<String>
 pub(super) fn opening(o: &Opening) -> String {
     let why = match o.found_by {
         FoundBy::User => "given under openings.planes",
-        FoundBy::ImageBorder => "the vessel leaves the picture",
+        FoundBy::ImageBorder => "the vessel leaves the image",
+        FoundBy::FlatFace => "the vessel is cut flat",
         FoundBy::BluntEnd => "the vessel ends bluntly",
     };
     let c = o.plane.origin;

@@ -8,6 +8,7 @@ use crate::implicit::Implicit;
 use crate::implicit::smooth::SmoothOptions;
 use crate::mask::neighborhood::STEPS_6;
 use crate::mask::{self, Mask, Topology};
+use crate::openings::Evidence;
 
 /// Places that the report lists.
 const PLACES: usize = 10;
@@ -26,16 +27,16 @@ pub struct PassedOver {
 /// A voxel's middle and what it is now.
 pub(super) type Relabelled = (Point, u8);
 
-/// A component cropped, with a margin of four voxels, and continued by `pad` voxels where it leaves the picture; of a noisy one the
-/// layers at the picture's border are rid of noise first, which would be continued with them.
-pub(super) fn padded(component: &Mask, pad: usize) -> (Mask, Vec<Relabelled>) {
-    let mask = mask::crop_pad(component, 4, pad);
+/// A component cropped, with a margin of four voxels, and carried on by `pad` voxels where it leaves the image; of a noisy one the
+/// layers at the image's border are rid of noise first, which would be carried on with them.
+pub(super) fn padded(component: &Mask, evidence: &Evidence, pad: usize) -> (Mask, Vec<Relabelled>) {
+    let mask = evidence.carried_on(component, 4, pad);
     let continued = mask.count() > component.count();
     if !continued || mask::noise::estimate(&mask, &mask::interface(&mask)) == 0.0 {
         return (mask, Vec::new());
     }
     let (quiet, changed) = mask::noise::quiet_border(component);
-    let quieted = mask::crop_pad(&quiet, 4, pad);
+    let quieted = evidence.carried_on(&quiet, 4, pad);
     if mask::topology(&quieted) != mask::topology(&mask) {
         return (mask, Vec::new());
     }

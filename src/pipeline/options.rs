@@ -11,7 +11,7 @@ use crate::implicit::Implicit;
 use crate::mask::{CleaningOptions, Components, LengthUnit, Mask, Selection};
 use crate::mesh::PatchKind;
 use crate::mesh::regions::Region;
-use crate::openings::{CutOptions, ExtendError, Extension, Opening, UserOpenings, UserPlane};
+use crate::openings::{CutDirection, CutOptions, DetectOptions, ExtendError, Extension, Opening, UserOpenings, UserPlane};
 use crate::polygonize::PolygonizeOptions;
 use crate::quality::SurfaceOptions;
 use crate::remesh::angle_repair::RepairOptions;
@@ -184,6 +184,15 @@ pub fn wall_patches(case: &Case) -> Vec<(&str, Region)> {
         (None, None) => None,
     };
     case.surface.patches.iter().filter_map(|p| Some((p.name.as_str(), region(p)?))).collect()
+}
+
+pub fn detection(case: &Case) -> DetectOptions {
+    let cut = match case.openings.cut {
+        config::CutDirection::Auto => CutDirection::Auto,
+        config::CutDirection::Square => CutDirection::Square,
+        config::CutDirection::AsCut => CutDirection::AsCut,
+    };
+    DetectOptions { cut, ..DetectOptions::default() }
 }
 
 pub fn user_openings(case: &Case) -> UserOpenings {

@@ -11,8 +11,7 @@ use lumenmesh::config::Case;
 use lumenmesh::geometry::{Plane, Point, Vector};
 use lumenmesh::implicit::{Implicit, smooth};
 use lumenmesh::io::nrrd;
-use lumenmesh::mask::crop_pad;
-use lumenmesh::openings::{DetectOptions, Opening, detect, refine};
+use lumenmesh::openings::{Evidence, DetectOptions, Opening, detect, refine};
 use lumenmesh::phantom::{self, End, Phantom, TreeOptions, random_tree};
 use lumenmesh::pipeline::{self, Context, Silent, Stage};
 use rayon::prelude::*;
@@ -115,14 +114,15 @@ fn built_in(name: &str) -> Result<(), Box<dyn std::error::Error>> {
 /// Ends, ends that are right, openings invented, and what is wrong in words.
 fn tree(phantom: &Phantom) -> (usize, usize, usize, Vec<String>) {
     let picture = phantom.mask();
-    let mask = crop_pad(&picture, 4, 4);
+    let evidence = [Evidence::of(&picture)];
+    let mask = evidence[0].carried_on(&picture, 4, 4);
     let ends = phantom.ends(&picture.grid);
     let mut wrong = Vec::new();
     let lines = match trace(&mask, &CenterlineOptions::default()) {
         Ok((lines, _)) => lines,
         Err(e) => return (ends.len(), 0, 0, vec![format!("{}: {e}", phantom.name)]),
     };
-    let (found, report) = detect(&mask, &lines, &DetectOptions::default());
+    let (found, report) = detect(&mask, &lines, &evidence, &DetectOptions::default());
     let openings: Vec<Opening> = match smooth::fit(&mask, &Default::default()) {
         Ok((wall, _)) => found.iter().map(|o| refine(&mask, &wall, o)).collect(),
         Err(_) => found,

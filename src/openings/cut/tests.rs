@@ -13,7 +13,7 @@ use crate::remesh::testing::{Capsules, Torus, polygonize};
 fn opening(id: u32, name: &str, center: [f64; 3], normal: [f64; 3]) -> Opening {
     let plane = Plane::new(center.into(), normal.into()).expect("normal");
     let kind = if id == 2 { PatchKind::Inlet } else { PatchKind::Outlet };
-    Opening { id, name: name.into(), kind, plane, radius: 2.0, found_by: FoundBy::User, confidence: 1.0, component: 0 }
+    Opening { id, name: name.into(), kind, plane, radius: 2.0, support: crate::openings::Support::round(&plane, 2.0), found_by: FoundBy::User, confidence: 1.0, component: 0 }
 }
 
 fn tube() -> (Capsules, TriMesh) {

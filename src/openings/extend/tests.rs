@@ -41,6 +41,7 @@ fn setup() -> (Mask, Opening) {
         kind: PatchKind::Inlet,
         plane: Plane { origin: Point::new(0.3, -0.2, 10.0), normal: Vector::z() },
         radius: 2.0,
+        support: super::super::Support { axis: Vector::z(), square_area: 12.6, expected_area: None, along_face: false },
         found_by: FoundBy::BluntEnd,
         confidence: 1.0,
         component: 0,
