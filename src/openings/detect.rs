@@ -17,7 +17,8 @@
 //! 2. it is wider than all vessels at its junction: the upper quartile of its radii ≥ 1.3 times their medians, and L ≤ 3.5 D, and its radius
 //!    varies by a quarter (10 % to 90 % of its samples) or L ≤ 1.5 D; and
 //!
-//! it is a bump whatever its tip when it is shorter than wide, L ≤ D.
+//! it is a bump whatever its tip when it is shorter than wide, L ≤ D; or
+//! 3. two ends or more were cut flat or by the border, and it is 1.3 times as wide as the widest of them.
 //!
 //! *A cut takes off its own branch only*: see [`super::shared`].
 
@@ -190,6 +191,14 @@ pub fn detect(mask: &Mask, lines: &Centerlines, evidence: &[Evidence], options: 
                 Err(reason) => report.blind.push(blind_end(&walk, reason, branch.component)),
             }
         }
+    }
+    // A round end wider than the ends that were cut is no vessel's.
+    let cut: Vec<f64> = found.iter().map(|f| f.0.opening.radius).collect();
+    if cut.len() > 1 {
+        let widest = options.sac_width * cut.into_iter().fold(0.0, f64::max);
+        let (wide, others): (Vec<_>, Vec<_>) = inside.into_iter().partition(|(f, _)| (f.end.area / std::f64::consts::PI).sqrt() > widest);
+        report.blind.extend(wide.into_iter().map(|(_, closed)| BlindEnd { reason: BlindReason::WideSac, ..closed }));
+        inside = others;
     }
     let endings: Vec<Ending> = inside.iter().map(|(f, _)| f.ending()).collect();
     for ((f, closed), reason) in inside.into_iter().zip(shared::settle(&endings)) {

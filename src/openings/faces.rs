@@ -190,7 +190,7 @@ impl Step {
             outside: slices.covered(one, -0.9 * h),
             at_once: slices.covered(one, 0.5 * h),
             steady: ratio(one.count, slices.next(one, 2.2 * h).count),
-            free: slices.free_rim(one, coarse, &[h, 2.2 * h]),
+            free: slices.free_rim(one, 0.6 * coarse, &[h, 2.2 * h]),
         }
     }
 
@@ -285,7 +285,6 @@ fn whole(mask: &Mask, points: &BoundaryPoints, plane: &Plane) -> Option<FlatFace
     if !joined && sharp < CLEAR && !stays || at(depth.max(2.0 * h)) < DEEP * area {
         return None;
     }
-    if std::env::var_os("LM_DEBUG").is_some() { eprintln!("DBG face {:.1?} n {:.2?} r {radius:.2} h {h:.2} asp {:.2} sharp {sharp:.2} free {:.2} stays {stays} deep {:.2} out {:.2} st {:.2} once {:.2}", plane.origin.coords.as_slice(), plane.normal.as_slice(), long/short, step.free, at(depth)/area, step.outside, step.steady, step.at_once); }
     if joined {
         let reach = (0..one.own.len()).filter(|&n| one.own[n]).map(|n| (slices.at(n, 0.0) - plane.origin).norm()).fold(0.0, f64::max);
         return Some(FlatFace { plane, area, reach, axis: plane.normal, straight: 0.0, voxel: h, joined });
@@ -305,6 +304,7 @@ fn whole(mask: &Mask, points: &BoundaryPoints, plane: &Plane) -> Option<FlatFace
 pub(super) struct Profile {
     /// Depth, area and middle.
     sections: Vec<(f64, f64, Point)>,
+    aspect: f64,
 }
 
 impl Profile {
@@ -313,7 +313,7 @@ impl Profile {
         let spacing = mask.grid.spacing();
         let fine = spacing.into_iter().fold(f64::INFINITY, f64::min);
         let (wide, one) = raster(mask, plane, first, near)?;
-        let (middle, [long, _]) = wide.shape(&one, 0.0);
+        let (middle, [long, short]) = wide.shape(&one, 0.0);
         let reach = (middle - plane.origin).norm() + 2.5 * long + last.min(4.0 * long);
         let slices = Slices::new(mask, plane, reach, (0.5 * fine).max(reach / 70.0));
         let mut slice = slices.first(first, near)?;
@@ -329,7 +329,12 @@ impl Profile {
             depth += step;
             slice = slices.next(&slice, depth);
         }
-        Some(Profile { sections })
+        Some(Profile { sections, aspect: long / short })
+    }
+
+    /// Ratio of the half axes of the first section.
+    pub fn aspect(&self) -> f64 {
+        self.aspect
     }
 
     /// Area at a depth, 0 behind the last section.

@@ -39,7 +39,7 @@ fn score(phantom: &phantom::Phantom) -> Score {
         let direction = if o.support.along_face { o.support.axis } else { o.plane.normal };
         let angle = direction.dot(&end.plane.normal).clamp(-1.0, 1.0).acos().to_degrees();
         if angle > 10.0 {
-            s.wrong.push(format!("{}: {} is {angle:.1}° off, radius {:.2}", phantom.name, end.name, end.radius));
+            s.wrong.push(format!("{}: {} is {angle:.1}° off, radius {:.2}, {:?} along its face {}, tilt {:.0}, face {:.2?} axis {:.2?} true {:.2?}", phantom.name, end.name, end.radius, o.found_by, o.support.along_face, o.tilt(), o.plane.normal.as_slice(), o.support.axis.as_slice(), end.plane.normal.as_slice()));
         } else {
             s.found += 1;
         }
