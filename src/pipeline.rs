@@ -15,6 +15,8 @@ mod remeshing;
 mod results;
 mod retry;
 mod series;
+mod surface;
+mod surface_ends;
 mod survey;
 mod wall;
 
@@ -262,7 +264,7 @@ pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
     }
     drafts.iter().for_each(|d| noise::carry_over(&mut mask, &d.relabelled));
     let lines = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
-    let found = clock.run("ends", || ends(case, &mask, &lines, &drafts, &mut report), |(o, _)| format!("{} openings", o.len()))?;
+    let found = clock.run("ends", || ends(case, &source, &mask, &lines, &drafts, &mut report), |(o, _)| format!("{} openings", o.len()))?;
     let mut parts = Vec::new();
     let shares = shares(&drafts);
     for (draft, share) in drafts.into_iter().zip(shares) {
@@ -283,7 +285,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     let topology = mask::topology(&outcome.mask);
     let traced = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
     let found = if context.stop_after >= Stage::Surface {
-        clock.run("ends", || ends(case, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
+        clock.run("ends", || ends(case, source, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
     } else {
         Vec::new()
     };
@@ -332,14 +334,14 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         },
         |(f, _)| format!("deviation median {:.3}, max {:.3} voxel diagonals", f.to_marching_cubes.voxel_diagonals.median, f.to_marching_cubes.voxel_diagonals.max),
     )?;
-    let lost = quality::fidelity::lost(&results::inside_picture(&traced, &outcome.mask), &surface, &cuts, voxel_diagonal);
+    let lost = quality::fidelity::lost(&surface_ends::within(source, results::inside_picture(&traced, &outcome.mask)), &surface, &cuts, voxel_diagonal);
     outcome.report.put("fidelity", &fidelity.0);
     outcome.report.put_in("fidelity", "topology", &serde_json::json!({"mask": topology, "surface": combinatorial}));
     outcome.report.put_in("fidelity", "lost", &lost.parts);
     outcome.report.put_in("fidelity", "radius", &fidelity.1);
     if let Source::Surface(given) = source {
         let vessel = results::without_extensions(&surface, &parts);
-        outcome.report.put_in("fidelity", "to_input_surface", &quality::fidelity::to_surface(&vessel, given, &Default::default())?);
+        outcome.report.put_in("fidelity", "to_input_surface", &quality::fidelity::to_surface(&vessel, &given.given, &Default::default())?);
     }
     gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();
@@ -494,6 +496,7 @@ const PAD: usize = 4;
 /// The planes at which to cut: those detected, and what the user wants of them.
 fn ends(
     case: &Case,
+    source: &Source,
     mask: &Mask,
     lines: &Centerlines,
     drafts: &[Draft],
@@ -502,7 +505,7 @@ fn ends(
     // The centerlines run on through the padding; so must the mask that they are held against.
     let padded = mask::crop_pad(mask, 4, PAD);
     let (mut detected, mut summary) = match case.openings.detect {
-        Detect::Auto => openings::detect(&padded, lines, &Default::default()),
+        Detect::Auto => openings::detect(&padded, &surface_ends::other_ends(source, lines), &Default::default()),
         Detect::Off => Default::default(),
     };
     for o in &mut detected {
@@ -511,6 +514,9 @@ fn ends(
         if let Some(f) = summary.found.iter_mut().find(|f| f.name == o.name) {
             f.center = o.plane.origin;
         }
+    }
+    if !matches!(case.openings.detect, Detect::Off) {
+        detected = surface_ends::join(source, drafts, detected, &mut summary);
     }
     for w in &summary.warnings {
         report.warn("openings", w.clone());

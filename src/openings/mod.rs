@@ -2,7 +2,6 @@
 
 mod axis;
 mod border;
-mod cap;
 mod cut;
 mod detect;
 mod extend;
@@ -12,6 +11,7 @@ mod refine;
 mod rims;
 mod section;
 mod shared;
+mod surface_ends;
 mod user;
 mod walk;
 
@@ -21,6 +21,7 @@ pub use detect::{BlindEnd, BlindReason, DetectOptions, DetectReport, FoundEnd, d
 pub use extend::{ExtendError, Extended, Extension, LEAST_LEFT, Tube, clear as clear_extensions, equivalent_radius};
 pub use refine::refine;
 pub use section::{Section, section};
+pub use surface_ends::{RimEnd, join_rims};
 pub use user::{UserError, UserOpenings, UserPlane, apply_user};
 
 use serde::Serialize;
@@ -38,6 +39,8 @@ pub enum FoundBy {
     ImageBorder,
     /// A blunt end of the vessel inside the image.
     BluntEnd,
+    /// An open rim or a flat cap of the surface that was given.
+    SurfaceRim,
 }
 
 /// A planar end of a vessel.

@@ -2,7 +2,7 @@
 
 use super::error::Error;
 use super::input::{self, Source};
-use super::options;
+use super::{options, surface};
 use crate::config::{Case, Method, Profile};
 use crate::implicit::guard::{GuardOptions, Guarded, MaskBoundary};
 use crate::implicit::{self, Implicit};
@@ -52,9 +52,9 @@ pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mu
             report.put_in("reconstruction", "fitted_to", &"probability map");
             return Ok(Wall::new(input::map_on(image, *isovalue, mask)?));
         }
-        Source::Surface(mesh) if case.reconstruction.method.is_none() => {
+        Source::Surface(given) if case.reconstruction.method.is_none() => {
             let voxel = mask.grid.spacing()[0];
-            let points = pointcloud::from_surface(mesh, &pointcloud::SurfaceOptions { pitch: Some(SURFACE_PITCH * voxel) })?;
+            let points = surface::samples(given, mask, SURFACE_PITCH * voxel)?;
             let fit = implicit::mpu::MpuOptions { tolerance: SURFACE_TOLERANCE * voxel, ..implicit::mpu::MpuOptions::estimate(&mask.grid, &points) };
             let (f, summary) = implicit::mpu::fit(&points, &fit)?;
             report.put_in("reconstruction", "fitted_to", &"surface");
