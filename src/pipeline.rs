@@ -340,8 +340,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     outcome.report.put_in("fidelity", "lost", &lost.parts);
     outcome.report.put_in("fidelity", "radius", &fidelity.1);
     if let Source::Surface(given) = source {
-        let vessel = results::without_extensions(&surface, &parts);
-        outcome.report.put_in("fidelity", "to_input_surface", &quality::fidelity::to_surface(&vessel, &given.given, &Default::default())?);
+        outcome.report.put_in("fidelity", "to_input_surface", &surface_ends::fidelity(given, &surface, &parts, &cuts)?);
     }
     gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();

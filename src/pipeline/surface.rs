@@ -17,7 +17,7 @@ use crate::report::Report;
 
 /// A surface as it was given, and what stands for it.
 pub struct GivenSurface {
-    /// Repaired and closed at its ends, mm: what results are held against.
+    /// Repaired and closed at its ends, mm: what results are held against. Lids have patch ids other than the wall's.
     pub given: TriMesh,
     /// The same with its ends carried on, so that a cut in an end's plane cuts a full tube.
     pub extended: TriMesh,
@@ -52,6 +52,8 @@ pub fn read(case: &Case, path: &Path, report: &mut Report) -> Result<(Mask, Give
     };
     let factor = case.input.units.in_mm();
     mesh.points.iter_mut().for_each(|p| p.coords *= factor);
+    // Openings are found by shape, not by the file's patches.
+    let mesh = TriMesh::new(mesh.points, mesh.triangles);
     let repair::Repaired { mesh, shells, mut repairs } = repair::repair(&mesh).map_err(|e| wrong(&e))?;
     let vessel = ends::find(&mesh);
     repairs.extend(Repair::of(Fault::Holes, &vessel.filled));

@@ -1,9 +1,12 @@
 //! The ends of a given surface among the openings.
 
 use super::input::Source;
-use super::{Draft, surface};
+use super::surface::GivenSurface;
+use super::{Draft, Error, Part, results, surface};
 use crate::centerline::{Centerlines, EndKind};
-use crate::openings::{self, DetectReport, Opening, RimEnd};
+use crate::mesh::TriMesh;
+use crate::openings::{self, DetectReport, FoundBy, Opening, RimEnd};
+use crate::quality::fidelity::{self, Cut, ToSurface};
 
 /// The centerlines with the ends that lie in what was added to a surface no longer free: those are known.
 pub(super) fn other_ends(source: &Source, lines: &Centerlines) -> Centerlines {
@@ -48,4 +51,13 @@ pub(super) fn join(source: &Source, drafts: &[Draft], detected: Vec<Opening>, su
         }
     }
     joined
+}
+
+/// The result held against the surface as it was given.
+pub(super) fn fidelity(given: &GivenSurface, surface: &TriMesh, parts: &[Part], cuts: &[Cut]) -> Result<ToSurface, Error> {
+    let vessel = results::without_extensions(surface, parts);
+    let measured = fidelity::to_surface(&vessel, &given.given, cuts, &Default::default())?;
+    let ends = || parts.iter().flat_map(|p| &p.ends);
+    let whole = ends().count() == given.ends.len() && ends().all(|o| o.found_by == FoundBy::SurfaceRim) && parts.iter().all(|p| p.extensions.is_empty());
+    Ok(ToSurface { volume_ratio: whole.then(|| surface.volume() / given.given.volume()), ..measured })
 }

@@ -8,21 +8,28 @@ use crate::geometry::{Aabb, Point, Vector};
 
 /// Voxels by which an end goes on beyond its plane, besides half a radius.
 const VOXELS: f64 = 4.0;
+/// Voxels for which it follows the wall's own direction at each point of the rim.
+const STRAIGHT: f64 = 2.0;
 /// Voxels that must lie between it and the rest of the surface.
 const CLEAR: f64 = 1.5;
 /// Shortest continuation, voxels.
 const LEAST: f64 = 1.5;
 
 impl Vessel {
-    /// The surface with a flat lid on each end.
+    /// The surface with a flat lid on each end, each with a patch id of its own from 2 on.
     pub fn closed(&self) -> TriMesh {
         let mut out = self.open.clone();
-        self.rims.iter().for_each(|rim| holes::close(&mut out, rim));
+        for (n, rim) in self.rims.iter().enumerate() {
+            let from = out.triangles.len();
+            holes::close(&mut out, rim);
+            out.patch[from..].fill(n as u32 + 2);
+        }
         out
     }
 
-    /// The surface with each end carried on by a tube ruled from its rim along the wall's own direction there, four voxels and half a
-    /// radius out of its plane, or less where it would come near other wall; closed by a lid across.
+    /// The surface with each end carried on by a tube ruled from its rim, four voxels and half a radius out of its plane, or less where it
+    /// would come near other wall; closed by a lid across. For two voxels it follows the wall's own direction at each point, so that the
+    /// wall has no bend where it is to be cut; then the rim's mean direction.
     pub fn extended(&self, voxel: f64) -> TriMesh {
         let wall = TriangleBvh::new(&self.open);
         let mut lengths: Vec<f64> = self.ends.iter().map(|e| VOXELS * voxel + 0.5 * (e.area / std::f64::consts::PI).sqrt()).collect();
@@ -43,7 +50,7 @@ impl Vessel {
         }
         let mut out = self.open.clone();
         for ((end, rim), length) in self.ends.iter().zip(&self.rims).zip(lengths) {
-            carry_on(&mut out, end, rim, length);
+            carry_on(&mut out, end, rim, length, voxel);
         }
         out
     }
@@ -75,24 +82,33 @@ fn hull(end: &SurfaceEnd, length: f64, voxel: f64) -> Vec<[Point; 3]> {
         .collect()
 }
 
-fn carry_on(mesh: &mut TriMesh, end: &SurfaceEnd, rim: &[u32], length: f64) {
-    let first = mesh.points.len() as u32;
+fn carry_on(mesh: &mut TriMesh, end: &SurfaceEnd, rim: &[u32], length: f64, voxel: f64) {
     let n = rim.len();
-    mesh.points.extend(end.rim.iter().map(|p| carried(end, p, length)));
+    let first = mesh.points.len() as u32;
+    let straight = (STRAIGHT * voxel).min(0.5 * length);
+    let own = |(p, d): (&Point, &Vector)| {
+        let along = if d.dot(&end.normal) > 0.3 { *d } else { end.direction };
+        p + along * ((straight - end.normal.dot(&(p - end.center))) / along.dot(&end.normal))
+    };
+    let low: Vec<Point> = end.rim.iter().zip(&end.directions).map(own).collect();
+    mesh.points.extend(&low);
+    mesh.points.extend(low.iter().map(|p| carried(end, p, length)));
+    let high = first + n as u32;
     for i in 0..n {
         let j = (i + 1) % n;
         let (a, b, c, d) = (rim[i], rim[j], first + i as u32, first + j as u32);
-        mesh.triangles.extend([[b, a, c], [b, c, d]]);
+        let (e, f) = (high + i as u32, high + j as u32);
+        mesh.triangles.extend([[b, a, c], [b, c, d], [d, c, e], [d, e, f]]);
     }
     let (u, v) = end.plane().basis();
-    let flat: Vec<[f64; 2]> = (0..n).rev().map(|i| mesh.points[first as usize + i] - end.center).map(|d| [d.dot(&u), d.dot(&v)]).collect();
+    let flat: Vec<[f64; 2]> = (0..n).rev().map(|i| mesh.points[high as usize + i] - end.center).map(|d| [d.dot(&u), d.dot(&v)]).collect();
     match polygon::triangulate(&flat) {
-        Some(lid) => mesh.triangles.extend(lid.into_iter().map(|t| t.map(|i| first + (n - 1 - i) as u32))),
+        Some(lid) => mesh.triangles.extend(lid.into_iter().map(|t| t.map(|i| high + (n - 1 - i) as u32))),
         // Where the outline crosses itself a fan closes it as well: what lies inside follows from winding numbers.
         None => {
             let middle = mesh.points.len() as u32;
             mesh.points.push(carried(end, &end.center, length));
-            mesh.triangles.extend((0..n).map(|i| [first + ((i + 1) % n) as u32, first + i as u32, middle]));
+            mesh.triangles.extend((0..n).map(|i| [high + ((i + 1) % n) as u32, high + i as u32, middle]));
         }
     }
     mesh.patch.resize(mesh.triangles.len(), WALL);

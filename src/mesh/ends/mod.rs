@@ -35,6 +35,9 @@ pub struct SurfaceEnd {
     /// The rim's points, in the direction of the wall's triangles, mm.
     #[serde(skip)]
     pub rim: Vec<Point>,
+    /// Unit direction in which the wall runs out of the vessel at each of them, evened along the rim.
+    #[serde(skip)]
+    pub directions: Vec<Vector>,
 }
 
 impl SurfaceEnd {
@@ -125,6 +128,7 @@ fn beside(mesh: &TriMesh) -> BTreeMap<[u32; 2], u32> {
 fn end(mesh: &TriMesh, rim: &[u32], hole: &Hole, beside: &BTreeMap<[u32; 2], u32>, capped: bool) -> Option<SurfaceEnd> {
     let p = |v: u32| mesh.points[v as usize];
     let (mut way, mut length) = (Vector::zeros(), 0.0);
+    let mut walls = vec![Vector::zeros(); rim.len()];
     for i in 0..rim.len() {
         let (a, b) = (rim[i], rim[(i + 1) % rim.len()]);
         let edge = p(b) - p(a);
@@ -133,6 +137,7 @@ fn end(mesh: &TriMesh, rim: &[u32], hole: &Hole, beside: &BTreeMap<[u32; 2], u32
         let across = p(c) - p(a);
         let Some(inwards) = (across - along * along.dot(&across)).try_normalize(0.0) else { continue };
         way -= inwards * edge.norm();
+        walls[i] = along.cross(&inwards) * edge.norm();
         length += edge.norm();
     }
     // A capped end was found by its sharp edge.
@@ -149,8 +154,55 @@ fn end(mesh: &TriMesh, rim: &[u32], hole: &Hole, beside: &BTreeMap<[u32; 2], u32
     }
     let (at, radius) = middle(&flat, centroid);
     let center = plane.origin + u * at[0] + v * at[1];
-    let direction = way.try_normalize(0.0).filter(|d| d.dot(&hole.normal) >= INWARDS).unwrap_or(hole.normal);
-    Some(SurfaceEnd { center, normal: hole.normal, area, radius, direction, capped, rim: points })
+    let direction = axis(&walls, &hole.normal);
+    let directions = evened(&points, &walls, 0.3 * radius, &direction);
+    Some(SurfaceEnd { center, normal: hole.normal, area, radius, direction, capped, rim: points, directions })
+}
+
+/// The direction along which the wall runs out of a rim: the one that its normals `walls` at the rim's edges are most square to. The
+/// plane's normal where they tell none, as at wide funnels.
+fn axis(walls: &[Vector], normal: &Vector) -> Vector {
+    let sum: nalgebra::Matrix3<f64> = walls.iter().filter_map(|w| Some(w * w.try_normalize(0.0)?.transpose())).sum();
+    let eigen = sum.symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+    let axis = eigen.eigenvectors.column(order[0]).into_owned();
+    let axis = if axis.dot(normal) < 0.0 { -axis } else { axis };
+    if eigen.eigenvalues[order[0]] < 0.5 * eigen.eigenvalues[order[1]] && axis.dot(normal) >= INWARDS { axis } else { *normal }
+}
+
+/// Cosine of the largest angle between the wall's direction at a point of a rim and that of the whole rim, 45 degrees.
+const TURN: f64 = 0.707;
+
+/// The wall's direction at each point of a rim: `axis` turned into the wall, whose normals at the rim's edges are averaged over `width` mm
+/// to either side; by 45 degrees at most.
+fn evened(rim: &[Point], walls: &[Vector], width: f64, axis: &Vector) -> Vec<Vector> {
+    let n = rim.len();
+    let one = |i: usize| {
+        // The two edges of the point, then on to either side.
+        let mut sum = walls[i] + walls[(i + n - 1) % n];
+        for side in [1, n - 1] {
+            let (mut at, mut passed) = (i, 0.0);
+            for _ in 1..n / 2 {
+                let next = (at + side) % n;
+                passed += (rim[next] - rim[at]).norm();
+                if passed > width {
+                    break;
+                }
+                sum += if side == 1 { walls[next] } else { walls[(next + n - 1) % n] };
+                at = next;
+            }
+        }
+        let Some(wall) = sum.try_normalize(0.0) else { return *axis };
+        let Some(own) = (axis - wall * wall.dot(axis)).try_normalize(0.0) else { return *axis };
+        let cosine = own.dot(axis);
+        if cosine >= TURN {
+            return own;
+        }
+        let across = (own - axis * cosine).try_normalize(0.0).unwrap_or_else(Vector::zeros);
+        (axis + across).normalize()
+    };
+    (0..n).map(one).collect()
 }
 
 /// Whether an end's plane has inside behind it and outside before it.
