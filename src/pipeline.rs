@@ -320,7 +320,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
 
     // Extensions have no counterpart in the mask: they are left out of what is held against it.
     let cuts: Vec<_> = parts.iter().flat_map(|p| &p.ends).map(quality::fidelity::Cut::from).collect();
-    let fidelity = clock.run(
+    let mut fidelity = clock.run(
         "fidelity",
         || {
             // A wall that was not cut goes on through the padding; so must the mask that it is held against.
@@ -335,12 +335,20 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         |(f, _)| format!("deviation median {:.3}, max {:.3} voxel diagonals", f.to_marching_cubes.voxel_diagonals.median, f.to_marching_cubes.voxel_diagonals.max),
     )?;
     let lost = quality::fidelity::lost(&surface_ends::within(source, results::inside_picture(&traced, &outcome.mask)), &surface, &cuts, voxel_diagonal);
+    let to_given = match source {
+        Source::Surface(given) => Some(surface_ends::fidelity(given, &surface, &parts, &cuts)?),
+        _ => None,
+    };
+    // Voxels that stand for a surface count its volume less well than the surface itself.
+    if let Some(ratio) = to_given.as_ref().and_then(|t| t.volume_ratio) {
+        fidelity.0.volume_ratio = ratio;
+    }
     outcome.report.put("fidelity", &fidelity.0);
     outcome.report.put_in("fidelity", "topology", &serde_json::json!({"mask": topology, "surface": combinatorial}));
     outcome.report.put_in("fidelity", "lost", &lost.parts);
     outcome.report.put_in("fidelity", "radius", &fidelity.1);
-    if let Source::Surface(given) = source {
-        outcome.report.put_in("fidelity", "to_input_surface", &surface_ends::fidelity(given, &surface, &parts, &cuts)?);
+    if let Some(measured) = &to_given {
+        outcome.report.put_in("fidelity", "to_input_surface", measured);
     }
     gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();

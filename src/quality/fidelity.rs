@@ -158,7 +158,7 @@ pub struct Fidelity {
     pub to_marching_cubes: OneWay,
     /// From the marching cubes surface, cut-off parts aside, to the surface.
     pub from_marching_cubes: OneWay,
-    /// Enclosed volume over the volume of the mask's kept part.
+    /// Enclosed volume over the volume of the mask's kept part; of the surface, where one was given and nothing else was cut.
     pub volume_ratio: f64,
     /// Volume of the mask's voxels on the kept side of all cuts, mm³.
     pub kept_mask_volume: f64,
