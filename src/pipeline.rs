@@ -15,6 +15,8 @@ mod remeshing;
 mod results;
 mod retry;
 mod series;
+mod surface;
+mod surface_ends;
 mod survey;
 mod wall;
 
@@ -264,7 +266,7 @@ pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
     }
     drafts.iter().for_each(|d| noise::carry_over(&mut mask, &d.relabelled));
     let lines = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
-    let found = clock.run("ends", || ends(case, &mask, &lines, &drafts, &mut report), |(o, _)| format!("{} openings", o.len()))?;
+    let found = clock.run("ends", || ends(case, &source, &mask, &lines, &drafts, &mut report), |(o, _)| format!("{} openings", o.len()))?;
     let mut parts = Vec::new();
     let shares = shares(&drafts);
     for (draft, share) in drafts.into_iter().zip(shares) {
@@ -285,7 +287,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     let topology = mask::topology(&outcome.mask);
     let traced = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
     let found = if context.stop_after >= Stage::Surface {
-        clock.run("ends", || ends(case, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
+        clock.run("ends", || ends(case, source, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
     } else {
         Vec::new()
     };
@@ -321,7 +323,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
 
     // Extensions have no counterpart in the mask: they are left out of what is held against it.
     let cuts: Vec<_> = parts.iter().flat_map(|p| &p.ends).map(quality::fidelity::Cut::from).collect();
-    let fidelity = clock.run(
+    let mut fidelity = clock.run(
         "fidelity",
         || {
             // A wall that was not cut goes on through the padding; so must the mask that it is held against.
@@ -335,14 +337,21 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         },
         |(f, _)| format!("deviation median {:.3}, max {:.3} voxel diagonals", f.to_marching_cubes.voxel_diagonals.median, f.to_marching_cubes.voxel_diagonals.max),
     )?;
-    let lost = quality::fidelity::lost(&results::inside_picture(&traced, &outcome.mask), &surface, &cuts, voxel_diagonal);
+    let lost = quality::fidelity::lost(&surface_ends::within(source, results::inside_picture(&traced, &outcome.mask)), &surface, &cuts, voxel_diagonal);
+    let to_given = match source {
+        Source::Surface(given) => Some(surface_ends::fidelity(given, &surface, &parts, &cuts)?),
+        _ => None,
+    };
+    // Voxels that stand for a surface count its volume less well than the surface itself.
+    if let Some(ratio) = to_given.as_ref().and_then(|t| t.volume_ratio) {
+        fidelity.0.volume_ratio = ratio;
+    }
     outcome.report.put("fidelity", &fidelity.0);
     outcome.report.put_in("fidelity", "topology", &serde_json::json!({"mask": topology, "surface": combinatorial}));
     outcome.report.put_in("fidelity", "lost", &lost.parts);
     outcome.report.put_in("fidelity", "radius", &fidelity.1);
-    if let Source::Surface(given) = source {
-        let vessel = results::without_extensions(&surface, &parts);
-        outcome.report.put_in("fidelity", "to_input_surface", &quality::fidelity::to_surface(&vessel, given, &Default::default())?);
+    if let Some(measured) = &to_given {
+        outcome.report.put_in("fidelity", "to_input_surface", measured);
     }
     gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();
@@ -383,11 +392,13 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
 
 /// One component: implicit, polygons, centerlines.
 fn draft(case: &Case, source: &Source, clock: &mut Clock, report: &mut Report, component: Mask) -> Result<Draft, Error> {
-    // A surface tells its own ends.
-    let evidence = match source {
-        Source::Surface(_) => Evidence::default(),
-        _ => clock.run("evidence", || Ok::<_, Error>(Evidence::of(&component)), |e| format!("{} flat faces, {} border regions", e.faces.len(), e.regions.len()))?,
+    let look = || {
+        let mut evidence = Evidence::of(&component);
+        // What was added to a surface ends flat too.
+        evidence.faces.retain(|f| surface_ends::is_given(source, &(f.plane.origin - f.plane.normal * f.voxel)));
+        Ok::<_, Error>(evidence)
     };
+    let evidence = clock.run("evidence", look, |e| format!("{} flat faces, {} border regions", e.faces.len(), e.regions.len()))?;
     let (mask, quieted) = noise::padded(&component, &evidence, PAD);
     let wanted = mask::topology(&mask);
     let wall::Polygonized { implicit, noisy, polygons, summary, options: polygonizer } = wall::polygonized(case, source, clock, report, &mask, &wanted)?;
@@ -502,6 +513,7 @@ const PAD: usize = 4;
 /// The planes at which to cut: those detected, and what the user wants of them.
 fn ends(
     case: &Case,
+    source: &Source,
     mask: &Mask,
     lines: &Centerlines,
     drafts: &[Draft],
@@ -511,19 +523,22 @@ fn ends(
     let padded = Evidence::all_carried_on(drafts.iter().map(|d| &d.evidence), mask, 4, PAD);
     let evidence: Vec<Evidence> = drafts.iter().map(|d| d.evidence.clone()).collect();
     let (mut detected, mut summary) = match case.openings.detect {
-        Detect::Auto => openings::detect(&padded, lines, &evidence, &options::detection(case)),
+        Detect::Auto => openings::detect(&padded, &surface_ends::other_ends(source, lines), &evidence, &options::detection(case)),
         Detect::Off => Default::default(),
     };
-    if case.openings.inlet.0.is_empty() && case.openings.planes.is_empty() {
-        let close = std::mem::take(&mut summary.close_choices);
-        summary.warnings.extend(close);
-    }
     for o in &mut detected {
         let Some(draft) = drafts.get(o.component as usize) else { continue };
         *o = openings::refine(&padded, draft.implicit.as_ref(), o);
         if let Some(f) = summary.found.iter_mut().find(|f| f.name == o.name) {
             f.center = o.plane.origin;
         }
+    }
+    if !matches!(case.openings.detect, Detect::Off) {
+        detected = surface_ends::join(source, drafts, detected, &mut summary);
+    }
+    if case.openings.inlet.0.is_empty() && case.openings.planes.is_empty() {
+        let close = std::mem::take(&mut summary.close_choices);
+        summary.warnings.extend(close);
     }
     for w in &summary.warnings {
         report.warn("openings", w.clone());

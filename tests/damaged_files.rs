@@ -252,6 +252,19 @@ fn surface(volume: &VolumeMesh) -> TriMesh {
     mesh
 }
 
+/// The surface as a binary legacy file of version 5.
+fn legacy_vtk(s: &TriMesh) -> Vec<u8> {
+    let (n, m) = (s.points.len(), s.triangles.len());
+    let mut out = format!("# vtk DataFile Version 5.1\na surface\nBINARY\nDATASET POLYDATA\nPOINTS {n} float\n").into_bytes();
+    s.points.iter().flat_map(|p| [p.x, p.y, p.z]).for_each(|c| out.extend((c as f32).to_be_bytes()));
+    out.extend(format!("\nPOLYGONS {} {}\nOFFSETS vtktypeint64\n", m + 1, 3 * m).bytes());
+    (0..=m as i64).for_each(|i| out.extend((3 * i).to_be_bytes()));
+    out.extend(b"\nCONNECTIVITY vtktypeint64\n");
+    s.triangles.iter().flatten().for_each(|&v| out.extend(i64::from(v).to_be_bytes()));
+    out.extend(b"\n");
+    out
+}
+
 fn read_mesh(path: &Path, bytes: &[u8], name: &str) -> Result<(), String> {
     fs::write(path, bytes).expect("write");
     mesh::read(path).map_err(|e| e.to_string()).and_then(|m| measured(m, name))
@@ -267,6 +280,9 @@ fn damaged_meshes() {
         ("STL binary", "b.stl", bytes(|w| stl::write_binary(w, &s))),
         ("PLY", "a.ply", bytes(|w| ply::write(w, &s))),
         ("PLY text", "b.ply", b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty double y\nproperty float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0.5\n3 0 1 2\n3 0 2 3\n".to_vec()),
+        ("OBJ", "a.obj", b"# a sheet\no sheet\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nvn 0 0 1\ng lower\nf 1//1 2//1 3//1\ng upper\nf -4 -2 -1\n".to_vec()),
+        ("legacy VTK", "a.vtk", b"# vtk DataFile Version 3.0\nsheet\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 1 1 0 0 1 0.5\nPOLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 4\n3 0 2 3\n".to_vec()),
+        ("legacy VTK binary", "b.vtk", legacy_vtk(&s)),
         ("VTP", "a.vtp", bytes(|w| vtp::write_surface(w, &s, &vtp::Extra::default()))),
         ("VTU", "a.vtu", bytes(|w| vtu::write(w, &prisms, &vec![0.5; prisms.cell_count()], &vtp::Extra::default()))),
         ("VTU zlib", "zlib.vtu", packed_vtu("vtkZLibDataCompressor")),

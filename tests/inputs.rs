@@ -123,10 +123,15 @@ fn a_surface_is_meshed_anew_closed_or_open_at_its_ends() {
     done(&["run", "case/case.yaml", "-o", "first", "--stop-after", "surface"], dir);
     let first = report(&dir.join("first"));
     // The wall alone is open at both ends.
-    for (file, out, holes) in [("first/surface/lumen.stl", "closed", 0), ("first/surface/wall.stl", "open", 2)] {
+    for (file, out, capped) in [("first/surface/lumen.stl", "closed", true), ("first/surface/wall.stl", "open", false)] {
         done(&["mesh", file, "-o", out, "--stop-after", "surface", "--set", "surface.scale=1.5"], dir);
         let r = report(&dir.join(out));
-        assert_eq!(r["input"]["holes_closed"].as_array().expect("holes").len(), holes);
+        let ends = r["input"]["ends"].as_array().expect("ends");
+        assert!(ends.len() == 2 && ends.iter().all(|e| e["capped"] == capped), "{ends:?}");
+        // In the planes of the first run's caps, as large as they.
+        same_openings(&first, &r, 0.02 * number(&first["openings"][0]["radius"]));
+        assert!(r["openings"].as_array().expect("openings").iter().all(|o| o["found_by"] == "surface-rim"));
+        assert_eq!(r["fidelity"]["lost"].as_array().expect("lost").len(), 0);
         for worst in r["surface"]["worst"].as_array().expect("worst") {
             let limit = if worst["patch"] == "wall" { 0.45 } else { 0.5 };
             assert!(number(&worst["s"]) <= limit, "{worst}");
@@ -139,6 +144,57 @@ fn a_surface_is_meshed_anew_closed_or_open_at_its_ends() {
     let soup = "solid soup\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\nvertex 2 2 3\nvertex 1 3 3\nendloop\nendfacet\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\nvertex 2 2 3\nvertex 1 2 9\nendloop\nendfacet\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\nvertex 2 2 3\nvertex 1 9 9\nendloop\nendfacet\nendsolid soup\n";
     fs::write(dir.join("soup.stl"), soup).expect("write");
     refused(&["mesh", "soup.stl", "-o", "x"], dir, 3, &["soup.stl", "1.0000, 2.0000, 3.0000"]);
+}
+
+/// A tube of radius 2 from z = 0 to 40 as ASCII STL, some triangles turned, doubled, and without shared points; its upper end cut obliquely.
+fn faulty_tube(tilt: f64) -> String {
+    let n = 32;
+    let slope = tilt.to_radians().tan();
+    let corner = |i: u32, k: u32| {
+        let a = std::f64::consts::TAU * f64::from(i % n) / f64::from(n);
+        let top = 40.0 + 2.0 * a.cos() * slope;
+        [2.0 * a.cos(), 2.0 * a.sin(), top * f64::from(k) / 20.0]
+    };
+    let mut text = String::from("solid tube\n");
+    let mut facet = |t: [[f64; 3]; 3], noise: f64| {
+        text += "facet normal 0 0 0\nouter loop\n";
+        t.iter().for_each(|p| text += &format!("vertex {} {} {}\n", p[0] + noise, p[1] - noise, p[2]));
+        text += "endloop\nendfacet\n";
+    };
+    for (count, (i, k)) in (0..n).flat_map(|i| (0..20).map(move |k| (i, k))).enumerate() {
+        let (a, b, c, d) = (corner(i, k), corner(i + 1, k), corner(i + 1, k + 1), corner(i, k + 1));
+        let noise = 1e-6 * (count % 3) as f64;
+        facet(if count % 5 == 0 { [a, c, b] } else { [a, b, c] }, noise);
+        facet([a, c, d], noise);
+        if count % 50 == 0 {
+            facet([a, c, d], noise);
+        }
+    }
+    text + "endsolid tube\n"
+}
+
+#[test]
+fn a_surface_with_faults_is_repaired_and_told_and_opened_in_its_rims() {
+    let dir = folder();
+    let dir = dir.path();
+    fs::write(dir.join("tube.stl"), faulty_tube(35.0)).expect("write");
+    let text = done(&["mesh", "tube.stl", "-o", "out", "--stop-after", "surface"], dir);
+    for word in ["points lay at the place of another", "triangles were turned", "copies of others"] {
+        assert!(text.contains(word), "`{word}` is missing in {text}");
+    }
+    let r = report(&dir.join("out"));
+    let section = 0.5 * 32.0 * 4.0 * (std::f64::consts::TAU / 32.0).sin();
+    let openings = r["openings"].as_array().expect("openings");
+    assert_eq!(openings.len(), 2);
+    for o in openings {
+        let upper = number(&o["center"][2]) > 20.0;
+        let cosine = if upper { 35f64.to_radians().cos() } else { 1.0 };
+        assert!((number(&o["area"]) * cosine / section - 1.0).abs() < 0.01, "{o}");
+        assert!((number(&o["normal"][2]).abs() - cosine).abs() < 1e-3, "{o}");
+        assert!((number(&o["center"][2]) - if upper { 40.0 } else { 0.0 }).abs() < 0.02, "{o}");
+    }
+    assert!((number(&r["fidelity"]["to_input_surface"]["volume_ratio"]) - 1.0).abs() < 0.01, "{}", r["fidelity"]["to_input_surface"]);
+    assert!(number(&r["fidelity"]["to_input_surface"]["from"]["max"]) < 0.1, "{}", r["fidelity"]["to_input_surface"]);
 }
 
 #[test]

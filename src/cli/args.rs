@@ -32,7 +32,7 @@ pub enum Command {
     Run(RunArgs),
     /// Mesh a mask or surface with all defaults, without a case file.
     Mesh(MeshArgs),
-    /// Report the quality of any STL, VTP, PLY, VTU, OpenFOAM case or .msh.
+    /// Report the quality of any STL, VTP, VTK, OBJ, PLY, VTU, OpenFOAM case or .msh.
     Check(CheckArgs),
     /// Observed order and grid convergence index from the filled table of a series.
     Convergence(ConvergenceArgs),
@@ -141,7 +141,7 @@ pub struct RunArgs {
 #[derive(Debug, Clone, Args)]
 #[command(after_help = MESH_EXAMPLES)]
 pub struct MeshArgs {
-    /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or closed surface (.stl, .vtp, .ply).
+    /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or surface, closed or open at its ends (.stl, .vtp, .vtk, .obj, .ply).
     pub input: PathBuf,
     /// Folder for the results. Earlier results there are replaced when the run is done, unless anything was added or changed.
     #[arg(short, long, value_name = "DIR")]
@@ -241,7 +241,7 @@ The exit code is that of the worst case.";
 /// Arguments of `init`.
 #[derive(Debug, Clone, Args)]
 pub struct InitArgs {
-    /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or closed surface (.stl, .vtp, .ply).
+    /// Mask (.nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti) or surface, closed or open at its ends (.stl, .vtp, .vtk, .obj, .ply).
     pub input: PathBuf,
     /// File for the case; default: standard output. An existing file is kept.
     #[arg(short, long, value_name = "CASE.yaml")]

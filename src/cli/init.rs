@@ -187,6 +187,7 @@ fn planes(out: &mut String, s: &Survey) -> std::fmt::Result {
             FoundBy::ImageBorder => "leaves the image",
             FoundBy::FlatFace => "is cut flat",
             FoundBy::BluntEnd => "ends inside the image",
+            FoundBy::SurfaceRim => "rim or flat cap of the surface",
         };
         let area = area.map_or(String::new(), |a| format!("; area {a:.3} mm2, diameter {:.3} mm", (4.0 * a / std::f64::consts::PI).sqrt()));
         writeln!(out, "    # {how}{area}; confidence {:.2}", o.confidence)?;

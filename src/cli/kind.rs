@@ -42,7 +42,7 @@ pub fn is_mesh(path: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     let entries = std::fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.path());
-    let mut meshes: Vec<_> = entries.filter(|p| ends_in(p, &[".stl", ".ply", ".vtp", ".vtu", ".msh"])).collect();
+    let mut meshes: Vec<_> = entries.filter(|p| ends_in(p, &[".stl", ".ply", ".obj", ".vtp", ".vtk", ".vtu", ".msh"])).collect();
     meshes.sort();
     let there = match meshes.first() {
         Some(mesh) => format!("name a mesh in it, such as {}", mesh.display()),

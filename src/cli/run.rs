@@ -31,7 +31,7 @@ pub fn mesh(args: &MeshArgs) -> Result<u8, Failure> {
 /// The case for a mask or surface with all defaults but `set`.
 pub fn case_for(input: &Path, set: &[String]) -> Result<Case, Failure> {
     let name = input.to_string_lossy().to_lowercase();
-    let surface = [".stl", ".vtp", ".ply"].iter().any(|e| name.ends_with(e));
+    let surface = [".stl", ".vtp", ".vtk", ".ply", ".obj"].iter().any(|e| name.ends_with(e));
     let case = if surface { Case::for_surface(input.into()) } else { Case::for_mask(input.into()) };
     Ok(config::from_text(&config::to_yaml(&case)?, "the command line", set)?)
 }

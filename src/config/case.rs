@@ -80,7 +80,7 @@ pub struct Input {
     /// Probability or level map; lumen is where it exceeds `isovalue`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probability: Option<PathBuf>,
-    /// Surface: .stl, .vtp or .ply, closed or open at flat ends, which are closed.
+    /// Surface: .stl, .vtp, .vtk, .obj or .ply. Its open rims and flat caps are its openings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<PathBuf>,
     /// Voxel edge of the grid that a surface is put on, such as `0.2 mm`. Default: a vessel is eight voxels across.

@@ -1,4 +1,4 @@
-//! Reads any mesh that `check` measures: STL, PLY, VTP, VTU, OpenFOAM cases and FLUENT's .msh.
+//! Reads any mesh that `check` measures: STL, PLY, OBJ, VTP, VTU, legacy VTK PolyData, OpenFOAM cases and FLUENT's .msh.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::Error;
-use super::{foam_reader, msh_reader, surface_reader, vtk_reader};
+use super::{foam_reader, msh_reader, surface_reader, vtk_legacy, vtk_reader};
 use crate::geometry::Aabb;
 use crate::mesh::faces::PolyMesh;
 use crate::mesh::{Patch, TriMesh, VolumeMesh};
@@ -54,7 +54,7 @@ impl AnyMesh {
 }
 
 /// The endings that [`read`] knows.
-pub const KNOWN: &str = ".stl, .ply, .vtp, .vtu, .msh (FLUENT ASCII, Gmsh 2.2 and 4.1 ASCII) and OpenFOAM case folders";
+pub const KNOWN: &str = ".stl, .ply, .obj, .vtp, .vtk (PolyData), .vtu, .msh (FLUENT ASCII, Gmsh 2.2 and 4.1 ASCII) and OpenFOAM case folders";
 
 /// Reads a mesh; the kind follows from the name, and from the content where that is not enough.
 ///
@@ -70,7 +70,7 @@ pub fn read(path: &Path) -> Result<AnyMesh, Error> {
     if ending == "foam" {
         return foam_reader::read(path.parent().unwrap_or(Path::new("."))).map(AnyMesh::Polyhedral);
     }
-    if !["stl", "ply", "vtp", "vtu", "msh"].contains(&ending.as_str()) {
+    if !["stl", "ply", "obj", "vtp", "vtk", "vtu", "msh"].contains(&ending.as_str()) {
         return Err(Error::UnknownFormat { path: path.into(), known: KNOWN });
     }
     let bytes = fs::read(path).map_err(|e| Error::read(path, e))?;
@@ -78,6 +78,8 @@ pub fn read(path: &Path) -> Result<AnyMesh, Error> {
     match ending.as_str() {
         "stl" => surface_reader::stl(&bytes).map(AnyMesh::Surface).map_err(wrong),
         "ply" => surface_reader::ply(&bytes).map(AnyMesh::Surface).map_err(wrong),
+        "obj" => surface_reader::obj(&bytes).map(AnyMesh::Surface).map_err(wrong),
+        "vtk" => vtk_legacy::poly_data(&bytes).map(AnyMesh::Surface).map_err(wrong),
         "vtp" => vtk_reader::poly_data(&bytes).map(AnyMesh::Surface).map_err(wrong),
         "vtu" => vtk_reader::unstructured(&bytes).map_err(wrong),
         _ => msh_reader::read(&bytes).map_err(wrong),
@@ -104,5 +106,17 @@ pub(super) fn fan(polygon: &[u32], points: usize, out: &mut Vec<[u32; 3]>) -> Re
         return Err(format!("a polygon names point {v}, but there are {points}"));
     }
     out.extend((1..polygon.len() - 1).map(|i| [polygon[0], polygon[i], polygon[i + 1]]));
+    Ok(())
+}
+
+/// Triangles of a strip, each with the next corner; every second runs the other way round.
+pub(super) fn strip(corners: &[u32], points: usize, out: &mut Vec<[u32; 3]>) -> Result<(), String> {
+    if corners.len() < 3 {
+        return Err(format!("a strip with {} corners", corners.len()));
+    }
+    if let Some(v) = corners.iter().find(|&&v| v as usize >= points) {
+        return Err(format!("a strip names point {v}, but there are {points}"));
+    }
+    out.extend(corners.windows(3).enumerate().map(|(i, w)| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] }));
     Ok(())
 }

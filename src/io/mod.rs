@@ -20,6 +20,7 @@ pub mod stl;
 mod surface_reader;
 mod text;
 pub mod vti;
+mod vtk_legacy;
 mod vtk_reader;
 pub mod vtk_xml;
 mod vtk_xml_reader;

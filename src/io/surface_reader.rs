@@ -1,4 +1,4 @@
-//! Readers of STL (ASCII, binary) and PLY.
+//! Readers of STL (ASCII in upper or lower case, binary), PLY and OBJ.
 
 use crate::geometry::Point;
 use crate::mesh::{Patch, PatchKind, TriMesh, WALL};
@@ -34,14 +34,16 @@ pub(super) fn stl(bytes: &[u8]) -> Result<TriMesh, String> {
         }
     }
     let text = std::str::from_utf8(bytes).map_err(|_| "neither ASCII STL nor binary STL of the right length: the file is cut off or damaged".to_string())?;
-    if !text.trim_start().starts_with("solid") {
+    let begins = |line: &str| line.split_whitespace().next().is_some_and(|w| w.eq_ignore_ascii_case("solid"));
+    if !text.lines().find(|l| !l.trim().is_empty()).is_some_and(begins) {
         return Err("neither ASCII STL (no `solid`) nor binary STL of the right length: the file is cut off or damaged".into());
     }
     let (mut corners, mut patch, mut patches) = (vec![], vec![], Vec::<Patch>::new());
     let mut open = false;
     for (k, line) in text.lines().enumerate() {
         let mut words = line.split_whitespace();
-        match words.next() {
+        let keyword = words.next().map(str::to_ascii_lowercase);
+        match keyword.as_deref() {
             Some("solid") => {
                 let name: String = words.collect::<Vec<_>>().join("_");
                 let name = if name.is_empty() { format!("solid_{}", patches.len() + 1) } else { name };
@@ -68,6 +70,55 @@ pub(super) fn stl(bytes: &[u8]) -> Result<TriMesh, String> {
         return Err("the last solid is not ended: the file is cut off".into());
     }
     Ok(join(corners, patch, patches))
+}
+
+/// Reads OBJ: vertices and faces; groups and objects with faces become patches. Lines that continue on the next are joined.
+pub(super) fn obj(bytes: &[u8]) -> Result<TriMesh, String> {
+    let text = String::from_utf8_lossy(bytes).replace("\\\r\n", " ").replace("\\\n", " ");
+    let mut mesh = TriMesh::default();
+    let mut group = String::from("wall");
+    let mut names: Vec<String> = vec![];
+    for (k, line) in text.lines().enumerate() {
+        let mut words = line.split_whitespace();
+        let wrong = |what: &str| format!("line {}: {what}", k + 1);
+        match words.next() {
+            Some("v") => {
+                let c: Vec<f64> = words.map_while(|w| w.parse().ok()).collect();
+                let [x, y, z, ..] = c[..] else { return Err(wrong("a vertex needs three numbers")) };
+                mesh.points.push(Point::new(x, y, z));
+            }
+            Some("f") => {
+                let mut polygon = vec![];
+                for w in words {
+                    let index = w.split('/').next().and_then(|i| i.parse::<i64>().ok()).ok_or_else(|| wrong(&format!("`{w}` names no vertex")))?;
+                    // From 1, or backwards from the last.
+                    let at = if index > 0 { index - 1 } else { mesh.points.len() as i64 + index };
+                    polygon.push(u32::try_from(at).map_err(|_| wrong(&format!("`{w}` names no vertex")))?);
+                }
+                // Faces may stand before their vertices: checked at the end.
+                super::mesh::fan(&polygon, usize::MAX, &mut mesh.triangles).map_err(|e| wrong(&e))?;
+                let id = names.iter().position(|n| *n == group).unwrap_or_else(|| {
+                    names.push(group.clone());
+                    names.len() - 1
+                });
+                mesh.patch.resize(mesh.triangles.len(), id as u32 + 1);
+            }
+            Some("g" | "o") => {
+                let name = words.collect::<Vec<_>>().join("_");
+                group = if name.is_empty() { "wall".into() } else { name };
+            }
+            // Normals, texture, materials, lines and points say nothing about the shape.
+            _ => {}
+        }
+    }
+    if let Some(v) = mesh.triangles.iter().flatten().find(|v| **v as usize >= mesh.points.len()) {
+        return Err(format!("a face names vertex {}, but there are {}", u64::from(*v) + 1, mesh.points.len()));
+    }
+    if mesh.triangles.is_empty() {
+        return Err("no faces (`f`)".into());
+    }
+    mesh.patches = names.into_iter().enumerate().map(|(i, name)| Patch { id: i as u32 + 1, kind: kind_of(&name), name }).collect();
+    Ok(mesh)
 }
 
 /// Reads PLY: ASCII and little-endian binary; vertices x y z first, then faces.
@@ -179,5 +230,29 @@ impl Numbers<'_> {
             "float" | "float32" => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
             _ => f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn upper_case_stl_is_read() {
+        let text = "SOLID INLET A\n FACET NORMAL 0 0 1\n  OUTER LOOP\n   VERTEX 0 0 0\n   VERTEX 1 0 0\n   VERTEX 0 1E+0 0\n  ENDLOOP\n ENDFACET\nENDSOLID INLET A\n";
+        let mesh = stl(text.as_bytes()).expect("a surface");
+        assert_eq!((mesh.triangles.len(), mesh.points[2].y), (1, 1.0));
+        assert_eq!((mesh.patches[0].name.as_str(), mesh.patches[0].kind), ("INLET_A", PatchKind::Inlet));
+    }
+
+    #[test]
+    fn obj_has_polygons_groups_and_ids_from_either_end() {
+        let text = "o vessel\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0 1.0\nvt 0 0\nf 1/1/1 2/1/1 \\\n 3/1/1 4/1/1\ng outlet left\nf -4//2 -1//2 2\n";
+        let mesh = obj(text.as_bytes()).expect("a surface");
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 3, 1]]);
+        assert_eq!(mesh.patch, [1, 1, 2]);
+        assert_eq!((mesh.patches[1].name.as_str(), mesh.patches[1].kind), ("outlet_left", PatchKind::Outlet));
+        assert!(obj(b"v 0 0 0\nf 1 2 3\n").expect_err("no such vertex").contains("vertex 2"));
+        assert!(obj(b"v 0 0\n").expect_err("too short").contains("line 1"));
     }
 }

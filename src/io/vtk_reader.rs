@@ -1,7 +1,7 @@
 //! Reader of VTK's XML meshes: PolyData (.vtp) and UnstructuredGrid (.vtu), as VTK, ParaView and meshio write them.
 
 use super::cells::{self, Cells};
-use super::mesh::{AnyMesh, fan};
+use super::mesh::{AnyMesh, fan, strip};
 use super::surface_reader::kind_of;
 use super::vtk_xml_reader::{File, attribute};
 use crate::geometry::Point;
@@ -54,20 +54,25 @@ fn each_cell<'a>(ids: &'a [u32], offsets: &'a [u32]) -> impl Iterator<Item = &'a
 pub(super) fn poly_data(bytes: &[u8]) -> Result<TriMesh, String> {
     let file = File::parse(bytes)?;
     let points = file.points()?;
-    if file.count("NumberOfStrips")? > 0 {
-        return Err("triangle strips".into());
-    }
     let count = file.count("NumberOfPolys")?;
     let (connectivity, offsets) = file.cells("Polys", count, points.len())?;
+    let strips = file.count("NumberOfStrips")?;
+    let (strip_ids, strip_offsets) = file.cells("Strips", strips, points.len())?;
     let skipped = file.count("NumberOfVerts")? + file.count("NumberOfLines")?;
     let mut ids = None;
     for name in ["PatchId", "CellEntityIds", "ModelFaceID"] {
-        ids = ids.or(file.array("CellData", Some(name))?.filter(|v| v.len() == skipped + count));
+        ids = ids.or(file.array("CellData", Some(name))?.filter(|v| v.len() == skipped + count + strips));
     }
     let mut mesh = TriMesh { points, ..TriMesh::default() };
     for (k, p) in each_cell(&connectivity, &offsets).enumerate() {
         fan(p, mesh.points.len(), &mut mesh.triangles)?;
         let id = ids.as_ref().map_or(WALL, |v| v[skipped + k].max(0.0) as u32);
+        mesh.patch.resize(mesh.triangles.len(), id);
+    }
+    // Strips come after the polygons.
+    for (k, p) in each_cell(&strip_ids, &strip_offsets).enumerate() {
+        strip(p, mesh.points.len(), &mut mesh.triangles)?;
+        let id = ids.as_ref().map_or(WALL, |v| v[skipped + count + k].max(0.0) as u32);
         mesh.patch.resize(mesh.triangles.len(), id);
     }
     let mut used = mesh.patch.clone();
@@ -150,4 +155,26 @@ pub(super) fn unstructured(bytes: &[u8]) -> Result<AnyMesh, String> {
     }
     drop((ids, offsets, types));
     cells::assemble(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_are_read_behind_polygons_with_their_patches() {
+        let array = |name: &str, kind: &str, values: &str| format!("<DataArray type=\"{kind}\" Name=\"{name}\" format=\"ascii\">{values}</DataArray>");
+        let text = format!(
+            "<?xml version=\"1.0\"?><VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\"><PolyData><Piece NumberOfPoints=\"5\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"1\" NumberOfPolys=\"1\"><CellData>{}</CellData><Points>{}</Points><Polys>{}{}</Polys><Strips>{}{}</Strips></Piece></PolyData></VTKFile>",
+            array("PatchId", "Int32", "1 3"),
+            "<DataArray type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0 1 1 0 0 2 0</DataArray>",
+            array("connectivity", "Int64", "0 1 2"),
+            array("offsets", "Int64", "3"),
+            array("connectivity", "Int64", "1 3 2 4"),
+            array("offsets", "Int64", "4"),
+        );
+        let mesh = poly_data(text.as_bytes()).expect("a surface");
+        assert_eq!(mesh.triangles, [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
+        assert_eq!(mesh.patch, [1, 3, 3]);
+    }
 }

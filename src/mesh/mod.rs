@@ -1,15 +1,20 @@
 //! Triangle and volume meshes and what every stage asks of them.
 
 pub mod bvh;
-pub mod halfedge;
+pub mod ends;
 pub mod faces;
+pub mod halfedge;
 pub mod holes;
 pub mod intersect;
+pub mod polygon;
 pub mod regions;
+pub mod repair;
+pub mod rims;
 pub mod split;
 #[cfg(test)]
 pub(crate) mod test_shapes;
 pub mod topology;
+pub mod winding;
 
 use serde::Serialize;
 

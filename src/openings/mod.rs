@@ -3,7 +3,6 @@
 mod axis;
 mod border;
 mod boundary_points;
-mod cap;
 mod cut;
 mod detect;
 mod evidence;
@@ -17,6 +16,7 @@ mod rims;
 mod section;
 mod shared;
 mod slices;
+mod surface_ends;
 mod user;
 mod walk;
 
@@ -29,6 +29,7 @@ pub use faces::FlatFace;
 pub use extend::{ExtendError, Extended, Extension, LEAST_LEFT, Tube, clear as clear_extensions, equivalent_radius};
 pub use refine::refine;
 pub use section::{Section, section};
+pub use surface_ends::{RimEnd, join_rims};
 pub use user::{UserError, UserOpenings, UserPlane, apply_user};
 
 use serde::Serialize;
@@ -48,6 +49,8 @@ pub enum FoundBy {
     FlatFace,
     /// A blunt end of the vessel inside the image.
     BluntEnd,
+    /// An open rim or a flat cap of the surface that was given.
+    SurfaceRim,
 }
 
 /// A planar end of a vessel.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::Opening;
+use super::{FoundBy, Opening};
 use super::axis::axis;
 use super::border::{along_face, disc_inside};
 use crate::geometry::{Plane, Point, Vector};
@@ -16,10 +16,10 @@ const LARGEST_TURN: f64 = 0.866;
 
 /// The opening with its plane square to the vessel's axis, taken from the middles of the wall's sections round it.
 ///
-/// A plane along the picture's face, and one whose sections tell no better axis, stay as they are.
+/// A plane along the picture's face, one in a rim of a given surface, and one whose sections tell no better axis, stay as they are.
 pub fn refine(mask: &Mask, wall: &dyn Implicit, opening: &Opening) -> Opening {
     let (o, spacing) = (opening, mask.grid.spacing());
-    if o.support.along_face || along_face(mask, &o.plane) {
+    if o.support.along_face || o.found_by == FoundBy::SurfaceRim || along_face(mask, &o.plane) {
         return o.clone();
     }
     let cross = |plane: &Plane| {
@@ -87,7 +87,6 @@ mod tests {
     use super::*;
     use crate::mask::Grid;
     use crate::mesh::PatchKind;
-    use crate::openings::FoundBy;
     use crate::remesh::testing::Capsules;
 
     #[test]

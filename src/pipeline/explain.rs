@@ -43,6 +43,7 @@ pub(super) fn opening(o: &Opening) -> String {
         FoundBy::ImageBorder => "the vessel leaves the image",
         FoundBy::FlatFace => "the vessel is cut flat",
         FoundBy::BluntEnd => "the vessel ends bluntly",
+        FoundBy::SurfaceRim => "the surface has a rim or flat cap there",
     };
     let c = o.plane.origin;
     format!("{}: {why} at ({:.2}, {:.2}, {:.2}) mm, radius {:.2} mm, confidence {:.2}", o.name, c.x, c.y, c.z, o.radius, o.confidence)

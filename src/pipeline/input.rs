@@ -2,17 +2,13 @@
 
 use std::path::Path;
 
-use serde::Serialize;
-
+use super::surface::{self, GivenSurface};
 use super::{Error, options, results};
 use crate::config::Case;
 use crate::geometry::Vector;
 use crate::implicit::probability::Probability;
-use crate::io::{self, mesh::AnyMesh};
+use crate::io;
 use crate::mask::{self, Grid, Image, Mask, Selection};
-use crate::mesh::TriMesh;
-use crate::mesh::holes::{self, Hole};
-use crate::pointcloud;
 use crate::report::Report;
 
 /// What the wall is fitted to besides the mask.
@@ -26,15 +22,12 @@ pub enum Source {
         /// Lumen is from this value up.
         isovalue: f64,
     },
-    /// A closed surface, mm.
-    Surface(Box<TriMesh>),
+    /// A surface.
+    Surface(Box<GivenSurface>),
 }
 
 /// Isovalue of a probability map.
 const ISOVALUE: f64 = 0.5;
-
-/// Most voxels of the grid that a surface is put on.
-const MOST_VOXELS: f64 = 2e7;
 
 /// Reads what the case names, and the mask that goes with it.
 pub fn read(case: &Case, report: &mut Report) -> Result<(Mask, Source), Error> {
@@ -55,7 +48,7 @@ pub fn read(case: &Case, report: &mut Report) -> Result<(Mask, Source), Error> {
             report.put_in("input", "isovalue", &isovalue);
             Ok((mask, Source::Map { image, isovalue }))
         }
-        (None, None, Some(path)) => surface(case, path, report),
+        (None, None, Some(path)) => surface::read(case, path, report).map(|(mask, given)| (mask, Source::Surface(Box::new(given)))),
         (None, None, None) => Err(Error::Configuration("input names no file: give `input: {mask: FILE}`".into())),
     }
 }
@@ -64,63 +57,6 @@ fn picture(case: &Case, path: &Path) -> Result<Image, Error> {
     let image = io::image::read(path)?;
     // A file that names its own unit is believed.
     Ok(if image.stated_unit.is_none() { image.with_unit(options::unit(case.input.units)) } else { image })
-}
-
-/// Where a surface came from and what was made of it.
-#[derive(Debug, Serialize)]
-struct SurfaceProvenance {
-    file: String,
-    sha256: String,
-    points: usize,
-    triangles: usize,
-    holes_closed: Vec<Hole>,
-    /// Voxel edge of the grid that it was put on, mm.
-    spacing: f64,
-    lumen_voxels: usize,
-}
-
-fn surface(case: &Case, path: &Path, report: &mut Report) -> Result<(Mask, Source), Error> {
-    let wrong = |what: &dyn std::fmt::Display| Error::Surface { file: path.into(), what: what.to_string() };
-    let AnyMesh::Surface(mut mesh) = io::mesh::read(path)? else {
-        return Err(wrong(&"the file holds no surface of triangles: give an STL, VTP or PLY surface, or a mask"));
-    };
-    let factor = case.input.units.in_mm();
-    mesh.points.iter_mut().for_each(|p| p.coords *= factor);
-    let mesh = mesh.welded();
-    // Writers leave triangles of two equal corners where they joined points.
-    let whole = mesh.triangles.iter().copied().filter(|[a, b, c]| a != b && b != c && c != a).collect();
-    let mesh = TriMesh::new(mesh.points, whole);
-    let mut closed = Vec::new();
-    let mesh = match pointcloud::check_surface(&mesh) {
-        Err(pointcloud::SurfaceError::Open { .. }) => {
-            let (mesh, holes) = holes::close(&mesh).map_err(|e| wrong(&e))?;
-            closed = holes;
-            mesh
-        }
-        _ => mesh,
-    };
-    pointcloud::check_surface(&mesh).map_err(|e| wrong(&e))?;
-    let spacing = match case.input.spacing {
-        Some(l) => l.value,
-        None => pointcloud::resolving_spacing(&mesh, MOST_VOXELS).map_err(|e| wrong(&e))?,
-    };
-    let mask = pointcloud::rasterize(&mesh, spacing).map_err(|e| wrong(&e))?;
-    report.put(
-        "input",
-        &SurfaceProvenance {
-            file: results::file_name(path),
-            sha256: results::sha256(path),
-            points: mesh.points.len(),
-            triangles: mesh.triangles.len(),
-            holes_closed: closed,
-            spacing,
-            lumen_voxels: mask.count(),
-        },
-    );
-    if mask.count() == 0 {
-        return Err(wrong(&format!("no voxel of {spacing:.4} mm fits into the surface: check input.units, or set input.spacing")));
-    }
-    Ok((mask, Source::Surface(Box::new(mesh))))
 }
 
 /// The map's wall on the grid of a component's mask.

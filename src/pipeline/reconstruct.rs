@@ -2,7 +2,7 @@
 
 use super::error::Error;
 use super::input::{self, Source};
-use super::options;
+use super::{options, surface};
 use crate::config::{Case, Method, Profile};
 use crate::implicit::guard::{GuardOptions, Guarded, MaskBoundary};
 use crate::implicit::{self, Implicit};
@@ -10,11 +10,12 @@ use crate::mask::Mask;
 use crate::pointcloud;
 use crate::report::Report;
 
-/// Distance of the points that a surface is sampled at, in voxels of its grid.
-const SURFACE_PITCH: f64 = 0.7;
+/// Distance of the points that a surface is sampled at, in voxels of its grid: at 0.7 the ends of small vessels came out up to 2.5 % too wide, at
+/// this 0.5 %.
+const SURFACE_PITCH: f64 = 0.5;
 
 /// How far the fit may lie from them, in voxels: they are exact, facets apart.
-const SURFACE_TOLERANCE: f64 = 0.1;
+const SURFACE_TOLERANCE: f64 = 0.03;
 
 /// The smooth fit once more, with every label kept that the topology might need; `None` where the mask is not noisy or the wall
 /// comes from something else.
@@ -52,9 +53,9 @@ pub(super) fn reconstruct(case: &Case, source: &Source, mask: &Mask, report: &mu
             report.put_in("reconstruction", "fitted_to", &"probability map");
             return Ok(Wall::new(input::map_on(image, *isovalue, mask)?));
         }
-        Source::Surface(mesh) if case.reconstruction.method.is_none() => {
+        Source::Surface(given) if case.reconstruction.method.is_none() => {
             let voxel = mask.grid.spacing()[0];
-            let points = pointcloud::from_surface(mesh, &pointcloud::SurfaceOptions { pitch: Some(SURFACE_PITCH * voxel) })?;
+            let points = surface::samples(given, mask, SURFACE_PITCH * voxel)?;
             let fit = implicit::mpu::MpuOptions { tolerance: SURFACE_TOLERANCE * voxel, ..implicit::mpu::MpuOptions::estimate(&mask.grid, &points) };
             let (f, summary) = implicit::mpu::fit(&points, &fit)?;
             report.put_in("reconstruction", "fitted_to", &"surface");

@@ -158,7 +158,7 @@ pub struct Fidelity {
     pub to_marching_cubes: OneWay,
     /// From the marching cubes surface, cut-off parts aside, to the surface.
     pub from_marching_cubes: OneWay,
-    /// Enclosed volume over the volume of the mask's kept part.
+    /// Enclosed volume over the volume of the mask's kept part; of the surface, where one was given and nothing else was cut.
     pub volume_ratio: f64,
     /// Volume of the mask's voxels on the kept side of all cuts, mm³.
     pub kept_mask_volume: f64,
@@ -289,19 +289,37 @@ pub fn measure(
     })
 }
 
-/// Distances of the wall from another surface, mm, at points spread evenly over the wall.
+/// Distances between the wall and the wall of a surface that it was made after, both ways, mm.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ToSurface {
+    /// From the wall to that surface.
+    #[serde(flatten)]
+    pub to: Distances,
+    /// From that surface's wall, what the cuts took off aside, to the wall.
+    pub from: Distances,
+    /// Enclosed volume over that surface's; `None` where cuts took off some of it or extensions added to it.
+    pub volume_ratio: Option<f64>,
+}
+
+/// Distances of the wall from another surface's wall and back, at points spread evenly over either.
 ///
 /// # Errors
-/// [`FidelityError::NoWall`] where no triangle of the wall has an area.
-pub fn to_surface(surface: &TriMesh, other: &TriMesh, options: &FidelityOptions) -> Result<Distances, FidelityError> {
-    let wall: Vec<u32> = (0..surface.triangles.len() as u32).filter(|&t| surface.patch[t as usize] == WALL).collect();
-    let on_wall = spread(surface, &wall, options.samples);
-    if on_wall.is_empty() {
-        return Err(FidelityError::NoWall(surface.triangles.len()));
-    }
-    let mut d: Vec<f64> = TriangleBvh::new(other).closest_many(&on_wall).iter().map(|c| c.distance).collect();
-    d.par_sort_unstable_by(f64::total_cmp);
-    Ok(Distances::of(&d, d[d.len() - 1]))
+/// [`FidelityError::NoWall`] where no triangle of a wall has an area.
+pub fn to_surface(surface: &TriMesh, other: &TriMesh, cuts: &[Cut], options: &FidelityOptions) -> Result<ToSurface, FidelityError> {
+    let wall = |mesh: &TriMesh| -> Result<Vec<Point>, FidelityError> {
+        let own: Vec<u32> = (0..mesh.triangles.len() as u32).filter(|&t| mesh.patch[t as usize] == WALL).collect();
+        let points = spread(mesh, &own, options.samples);
+        if points.is_empty() { Err(FidelityError::NoWall(mesh.triangles.len())) } else { Ok(points) }
+    };
+    let distances = |points: &[Point], mesh: &TriMesh| {
+        let mut d: Vec<f64> = TriangleBvh::new(mesh).closest_many(points).iter().map(|c| c.distance).collect();
+        d.par_sort_unstable_by(f64::total_cmp);
+        Distances::of(&d, d.last().copied().unwrap_or(0.0))
+    };
+    let gone = |p: &Point| cuts.iter().any(|c| c.plane.signed_distance(p) > 0.0 && (p - c.plane.origin).norm() < options.reach * c.radius);
+    let mut left = wall(other)?;
+    left.retain(|p| !gone(p));
+    Ok(ToSurface { to: distances(&wall(surface)?, other), from: distances(&left, surface), volume_ratio: None })
 }
 
 /// The space between the outermost voxels' centres.

@@ -7,7 +7,7 @@ use crate::cli::exit::Failure;
 use crate::cli::output::manifest;
 
 /// Endings that are no part of a name; a dot elsewhere is.
-const ENDINGS: [&str; 14] = [
+const ENDINGS: [&str; 15] = [
     ".seg.nrrd",
     ".nrrd",
     ".nhdr",
@@ -20,6 +20,7 @@ const ENDINGS: [&str; 14] = [
     ".vtp",
     ".vtk",
     ".ply",
+    ".obj",
     ".yaml",
     ".yml",
 ];

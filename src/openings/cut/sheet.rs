@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::{Error, FoundBy, Opening, cap};
+use super::super::{Error, FoundBy, Opening};
 use crate::geometry::{Plane, Point, Vector};
 use crate::mesh::{Patch, PatchId, TriMesh, WALL};
 use crate::remesh::{SizeField, Supports};
@@ -233,7 +233,7 @@ impl Sheet {
             // The rim runs along the kept triangles; the cap runs against it.
             let order: Vec<u32> = rim.into_iter().rev().collect();
             let flat: Vec<[f64; 2]> = order.iter().map(|&i| point(i) - s.plane().origin).map(|d| [d.dot(&u), d.dot(&v)]).collect();
-            let faces = cap::triangulate(&flat)
+            let faces = crate::mesh::polygon::triangulate(&flat)
                 .ok_or_else(|| Error::NotSimple { name: s.opening.name.clone(), at: s.plane().origin })?;
             patch.extend(faces.iter().map(|_| s.opening.id));
             triangles.extend(faces.iter().map(|t| t.map(|i| order[i])));
