@@ -127,7 +127,7 @@ impl<'a> Document<'a> {
         let first = (0..3).fold(Vector::from(origin), |o, a| o + columns[a] * spacing[a] * (extent[2 * a] as f64 + half));
         let grid = grid(self.path, dims, spacing, first.into(), columns, None)?;
         let layout = Layout { scalar, order, encoding: Encoding::Raw, skip: 0, count: count(self.path, dims)? };
-        Ok(Image { grid, values: self.values(&array, appended, layout, wide, compressed)?, stated_unit: None })
+        Ok(Image::new(grid, self.values(&array, appended, layout, wide, compressed)?, None))
     }
 
     /// The scalar array to read, whether it lies on cells, and where appended data begin.
