@@ -206,8 +206,11 @@ impl Header {
             let lengths = columns.map(|c| c.norm());
             let origin = Vector::new(self.srow[0][3], self.srow[1][3], self.srow[2][3]);
             let same = |a: [f64; 3], b: [f64; 3]| (0..3).all(|i| (a[i] - b[i]).abs() <= SAME * a[i].max(b[i]));
+            let directions = [0, 1, 2].map(|i| columns[i] / lengths[i]);
+            let square = build(lengths, directions, origin).is_ok();
             let mut spacing = lengths;
-            if stated && !same(lengths, pixdim) {
+            // The qform goes by pixdim: where it takes the place of an sform that is no grid there is nothing to compare.
+            if stated && !same(lengths, pixdim) && (square || self.qform_code <= 0) {
                 let (ours, theirs) = (numbers(lengths), numbers(pixdim));
                 if same(lengths, [1.0; 3]) {
                     spacing = pixdim;
@@ -219,7 +222,7 @@ impl Header {
                     return Err(Error::malformed(path, what, "write the image again with the right voxel size in both, for example with 3D Slicer or SimpleITK"));
                 }
             }
-            let by_sform = build(spacing, [0, 1, 2].map(|i| columns[i] / lengths[i]), origin);
+            let by_sform = build(spacing, directions, origin);
             match (by_sform, by_qform()) {
                 (Ok(s), Ok(q)) if self.qform_code > 0 => {
                     let turned = (0..3).any(|i| s.axes.column(i).normalize().dot(&q.axes.column(i).normalize()) < COSINE);

@@ -54,6 +54,8 @@ pub fn read(path: &Path) -> Result<Image, Error> {
     let mut image = Image::new(grid, first, header.unit);
     image.layers = layers.collect();
     image.segments = segments;
+    let lost = image.segments.iter().filter(|s| image.layer(s.layer).is_none());
+    image.doubts = lost.map(|s| format!("the segment `{}` lies in layer {}, which the file lacks: it is left out", s.name, s.layer)).collect();
     if fields.get("spacedirections").or(fields.get("spacings")).is_none() {
         image.doubts.push("the header has no voxel size: 1 x 1 x 1 mm is taken".into());
     }

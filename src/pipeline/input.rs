@@ -115,8 +115,9 @@ fn half_way(image: &Image, selection: &Selection) -> Option<(f64, String)> {
         return None;
     }
     let isovalue = 0.5 * (low + high);
+    let [low, high, half] = [low, high, isovalue].map(rounded);
     let said = format!(
-        "{between} voxels at the boundary hold values between {low:.4} and {high:.4}: it is taken as an interpolated mask or a probability map, with the wall at the half-way value {isovalue:.4}; input.threshold takes whole voxels from another value up"
+        "{between} voxels at the boundary hold values between {low} and {high}: it is taken as an interpolated mask or a probability map, with the wall at the half-way value {half}; input.threshold takes whole voxels from another value up"
     );
     Some((isovalue, said))
 }
