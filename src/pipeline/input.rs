@@ -196,7 +196,10 @@ pub fn map_on(image: &Image, isovalue: f64, mask: &Mask) -> Result<Probability, 
         let at = image.grid.to_index(&grid.to_world(Vector::from(grid.voxel(n).map(|c| c as f64))));
         let clamped = [0, 1, 2].map(|a| at[a].round().clamp(0.0, (image.grid.dims[a] - 1) as f64) as usize);
         let value = image.values.get(clamped[0] + image.grid.dims[0] * (clamped[1] + image.grid.dims[1] * clamped[2]));
+        // A vessel that leaves the picture goes on to the last voxel of the grid: there the wall closes, or it never would.
+        let last = grid.voxel(n).iter().zip(grid.dims).any(|(&i, n)| i == 0 || i + 1 == n);
         match (mask.data[n] != 0, value >= isovalue) {
+            (true, _) if last => outside,
             (true, false) => inside,
             (false, true) => outside,
             // Not a number is background.
