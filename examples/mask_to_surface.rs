@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let image = lumenmesh::io::image::read(input)?;
     let cleaning = CleaningOptions { components: Components::All, ..CleaningOptions::default() };
-    let (mask, _) = clean(&select(&image, &Selection::NonZero)?, &cleaning)?;
+    let (mask, _) = clean(&select(&image, &Selection::Mask)?, &cleaning)?;
     lap("read and clean");
     if rest.first().is_some_and(|p| p == "smooth") {
         let mask = crop_pad(&mask, 4, 4);

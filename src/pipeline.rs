@@ -221,6 +221,7 @@ pub fn run(case: &Case, context: &Context) -> Result<Outcome, Error> {
     let (raw, source) = clock.run("read", || input::read(case, &mut report), |(m, _)| format!("{} lumen voxels", m.count()))?;
     let (cleaned, cleaning) =
         clock.run("clean", || mask::clean(&raw, &options::cleaning(case)), |(m, _)| format!("{} lumen voxels", m.count()))?;
+    input::thick_enough(&cleaned)?;
     drop(raw);
     explain::cleaning(&cleaning).iter().for_each(|line| context.progress.explain(line));
     report.put("cleaning", &cleaning);
@@ -259,6 +260,7 @@ pub fn survey(case: &Case, context: &Context) -> Result<Survey, Error> {
     let (raw, source) = clock.run("read", || input::read(case, &mut report), |(m, _)| format!("{} lumen voxels", m.count()))?;
     let (mut mask, cleaning) =
         clock.run("clean", || mask::clean(&raw, &options::cleaning(case)), |(m, _)| format!("{} lumen voxels", m.count()))?;
+    input::thick_enough(&mask)?;
     drop(raw);
     let mut drafts = Vec::new();
     for component in mask::split_components(&mask) {

@@ -81,6 +81,20 @@ fn masks_that_cannot_be_used() {
     write(dir, "zero.nrrd", &[&with("8 8 8", "8 0 8"), &ball()]);
     write(dir, "photo.nrrd", &[b"\xff\xd8\xff\xe0 JFIF"]);
     write(dir, "notes.txt", &[b"x"]);
+    let two: Vec<u8> = ball().iter().enumerate().map(|(n, v)| if n / 64 < 4 { *v } else { 2 * v }).collect();
+    write(dir, "labels.nrrd", &[HEAD.as_bytes(), &two]);
+    let grey: Vec<u8> = (0..512usize).map(|n| (n * 2_654_435_761 >> 7) as u8).collect();
+    write(dir, "grey.nrrd", &[HEAD.as_bytes(), &grey]);
+    write(dir, "inverted.nrrd", &[HEAD.as_bytes(), &ball().iter().map(|v| 1 - v).collect::<Vec<u8>>()]);
+    let slice: Vec<u8> = (0..512).map(|n| u8::from(n / 64 == 3 && (1..7).contains(&(n % 8)) && (1..7).contains(&(n / 8 % 8)))).collect();
+    write(dir, "slice.nrrd", &[HEAD.as_bytes(), &slice]);
+    write(dir, "metres.nrrd", &[&with("1 1 1", "1e-6 1e-6 1e-6"), &ball()]);
+    let dicom = [vec![0; 128], b"DICM....1.2.840.10008.5.1.4.1.1.66.4".to_vec()].concat();
+    write(dir, "seg.dcm", &[&dicom]);
+    fs::create_dir(dir.join("series")).expect("folder");
+    write(dir, "series/1", &[&[0; 128], b"DICM"]);
+    let segments = "NRRD0004\ntype: uint8\ndimension: 4\nspace: LPS\nsizes: 2 8 8 8\nspace directions: none (1,0,0) (0,1,0) (0,0,1)\nencoding: raw\nSegment0_Name:=lumen\nSegment0_LabelValue:=1\nSegment0_Layer:=0\nSegment1_Name:=sac\nSegment1_LabelValue:=1\nSegment1_Layer:=1\n\n";
+    write(dir, "two.seg.nrrd", &[segments.as_bytes(), &ball().iter().flat_map(|v| [*v, *v]).collect::<Vec<u8>>()]);
     write(dir, "nothing.nii", &[]);
     for (file, code, words) in [
         ("none.nrrd", 3, &["none.nrrd", "no such file", "check the path"][..]),
@@ -99,6 +113,14 @@ fn masks_that_cannot_be_used() {
         ("photo.nrrd", 3, &["photo.nrrd", "NRRD0", "give a NRRD file"]),
         ("notes.txt", 3, &["notes.txt", "format", ".nii.gz", "convert"]),
         ("nothing.nii", 3, &["nothing.nii", "header", "export it again"]),
+        ("labels.nrrd", 3, &["labels.nrrd", "the image holds labels", "1 (", "2 (", "voxels)", "input.label="]),
+        ("grey.nrrd", 3, &["grey.nrrd", "grey image", "input.threshold", "input.label"]),
+        ("inverted.nrrd", 3, &["inverted.nrrd", "inverted", "input.label=0"]),
+        ("slice.nrrd", 4, &["more than two voxels thick", "input.label"]),
+        ("metres.nrrd", 3, &["metres.nrrd", "no vessel has that size", "input.units"]),
+        ("seg.dcm", 3, &["seg.dcm", "a DICOM file", "segimage2itkimage", "3D Slicer"]),
+        ("series", 3, &["a folder of DICOM files", "SimpleITK", "dcmqi"]),
+        ("two.seg.nrrd", 3, &["`lumen` (label 1, ", "`sac` (label 1, ", "input.label="]),
     ] {
         refused(&["mesh", file, "-o", "out"], dir, code, words);
     }
@@ -154,7 +176,7 @@ fn files_of_the_wrong_kind_are_sent_to_the_right_command() {
         (&["mesh", "case.yaml", "-o", "out"], 2, &["case.yaml", "is a case file", "lumenmesh run case.yaml"]),
         (&["init", "case.yaml"], 2, &["is a case file"]),
         (&["check", "."], 3, &["is a folder", "name a mesh"]),
-        (&["mesh", "ok.nrrd", "-o", "out", "--set", "input.label=big"], 2, &["one value or a list"]),
+        (&["mesh", "ok.nrrd", "-o", "out", "--set", "input.label=1.5"], 2, &["one value or a list"]),
     ] {
         refused(args, dir, code, words);
     }

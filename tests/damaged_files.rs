@@ -122,7 +122,7 @@ fn nifti() -> Vec<u8> {
     }
     put(70, &4i16.to_le_bytes());
     put(72, &16i16.to_le_bytes());
-    for (n, d) in [1.0f32, 0.5, 0.25, 2.0].into_iter().enumerate() {
+    for (n, d) in [1.0f32, 0.5, 2.0, 3.0].into_iter().enumerate() {
         put(76 + 4 * n, &d.to_le_bytes());
     }
     put(108, &352f32.to_le_bytes());

@@ -283,3 +283,37 @@ fn cells_too_coarse_for_a_thin_vessel_are_made_finer_and_it_is_told() {
     assert!(fine["reconstruction"]["finer_cells"].is_null());
     assert!(number(&fine["fidelity"]["from_marching_cubes"]["max"]) < 0.6, "{}", fine["fidelity"]);
 }
+
+#[test]
+fn a_mask_with_values_between_its_levels_has_its_wall_half_way_below_the_voxel() {
+    let dir = folder();
+    let dir = dir.path();
+    let phantom = lumenmesh::phantom::build("bend").expect("built in");
+    let (mask, truth) = (phantom.mask(), &phantom.truth);
+    let grid = &mask.grid;
+    let value = |n: usize| {
+        let p = grid.to_world(Vector::from(grid.voxel(n).map(|c| c as f64)));
+        (255.0 / (1.0 + (truth.value(&p) / (0.5 * grid.spacing()[0])).exp())).round() as u8
+    };
+    let axis = |a: usize| format!("({},{},{})", grid.axes[(0, a)], grid.axes[(1, a)], grid.axes[(2, a)]);
+    let ([nx, ny, nz], o) = (grid.dims, grid.origin);
+    let header = format!(
+        "NRRD0004\ntype: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: {nx} {ny} {nz}\nspace directions: {} {} {}\nspace origin: ({},{},{})\nencoding: raw\n\n",
+        axis(0), axis(1), axis(2), o.x, o.y, o.z
+    );
+    fs::write(dir.join("soft.nrrd"), [header.into_bytes(), (0..grid.len()).map(value).collect()].concat()).expect("write");
+    let said = done(&["mesh", "soft.nrrd", "-o", "out", "--stop-after", "surface", "--set", "surface.scale=0.8"], dir);
+    assert!(said.contains("half-way value"), "{said}");
+    let r = report(&dir.join("out"));
+    assert!((number(&r["input"]["isovalue"]) - 127.5).abs() < 1.0, "{}", r["input"]);
+    let lumenmesh::io::mesh::AnyMesh::Surface(mesh) = lumenmesh::io::mesh::read(&dir.join("out/surface/lumen.vtp")).expect("reads") else {
+        panic!("a surface")
+    };
+    let wall = (0..mesh.triangles.len()).filter(|&t| mesh.patch[t] == lumenmesh::mesh::WALL).flat_map(|t| mesh.triangles[t]);
+    let mut off: Vec<f64> = wall.map(|v| truth.value(&mesh.points[v as usize]).abs()).collect();
+    off.sort_by(f64::total_cmp);
+    let median = off[off.len() / 2] / grid.voxel_diagonal();
+    assert!(median < 0.015, "{median} voxel diagonals from the truth");
+    // A label of it other than its upper level would be a shell of single values.
+    refused(&["mesh", "soft.nrrd", "-o", "x", "--set", "input.label=100"], dir, 3, &["100", "input.threshold"]);
+}

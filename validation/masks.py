@@ -24,6 +24,7 @@ def shared(data, left_out=()):
         if left_out and name.startswith(left_out):
             print(f"left out: {name}", file=sys.stderr)
             continue
-        yield name, path, []
+        # Which labels are lumen has to be said.
+        yield name, path, ["--set", "input.label=[1, 2, 4]"] if "multilabel" in name else []
         if "multilabel" in name:
             yield name + ", label 1", path, ["--set", "input.label=1"]

@@ -97,7 +97,7 @@ fn case_file(case: &Case, s: &Survey, input: &Path) -> Result<String, Failure> {
 }
 
 fn case_has_label(case: &Case) -> bool {
-    case.input.label != crate::config::Labels::NonZero || case.input.threshold.is_some()
+    case.input.label != crate::config::Labels::Unset || case.input.threshold.is_some()
 }
 
 fn head(out: &mut String, s: &Survey, input: &Path) -> std::fmt::Result {
@@ -109,6 +109,9 @@ fn head(out: &mut String, s: &Survey, input: &Path) -> std::fmt::Result {
     writeln!(out, "# All keys: lumenmesh reference. Lengths carry their unit: mm, voxels, R (local radius), D (local diameter).")?;
     writeln!(out, "#")?;
     writeln!(out, "# image     {nx} x {ny} x {nz} voxels of {} x {} x {} mm", short(x), short(y), short(z))?;
+    if let Some(values) = s.report.sections.get("input").and_then(|i| i["values"].as_str()) {
+        writeln!(out, "# labels    {values}")?;
+    }
     let t = &s.cleaning.after;
     writeln!(
         out,

@@ -16,7 +16,7 @@ use super::console::{self, share};
 use super::exit::{self, Failure};
 use super::output::{self, Earlier, Existing};
 use super::run::run_case;
-use crate::config::{Case, Labels};
+use crate::config::{Case, Label, Labels};
 use crate::pipeline::{Progress, Stage};
 use crate::report::{Report, Status};
 
@@ -47,7 +47,7 @@ struct Arguments {
     /// Folder in which a folder `lumenmesh` with all results is made.
     #[arg(long, value_name = "DIR")]
     folder: Option<PathBuf>,
-    /// Label that is lumen; 0 takes every voxel that is not zero.
+    /// Label that is lumen; 0 takes the mask's one value.
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     label: i64,
     /// Factor on the edge length.
@@ -107,7 +107,7 @@ pub fn main() -> ExitCode {
 fn case(a: &Arguments, mask: &Path) -> Result<Case, Failure> {
     let mut case = Case::for_mask(mask.into());
     if a.label != 0 {
-        case.input.label = Labels::One(a.label);
+        case.input.label = Labels::One(Label::Number(a.label));
     }
     case.surface.scale = a.scale;
     case.surface.max_skewness = a.max_skewness;

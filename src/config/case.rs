@@ -86,8 +86,9 @@ pub struct Input {
     /// Voxel edge of the grid that a surface is put on, such as `0.2 mm`. Default: a vessel is eight voxels across.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spacing: Option<Length>,
-    /// Label or labels that are lumen. Default: every voxel that is not zero.
-    #[serde(skip_serializing_if = "Labels::is_empty")]
+    /// Label or segment that is lumen, by number or name, or a list of them. Default: the one value beside 0; where there
+    /// are several it has to be given.
+    #[serde(skip_serializing_if = "Labels::is_unset")]
     pub label: Labels,
     /// Lumen is from this value up (instead of a label).
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -107,19 +108,29 @@ pub struct Input {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Labels {
-    /// Every voxel that is not zero.
+    /// The mask's one value.
     #[default]
-    NonZero,
+    Unset,
     /// One label.
-    One(i64),
+    One(Label),
     /// Several labels taken together.
-    Several(Vec<i64>),
+    Several(Vec<Label>),
 }
 
 impl Labels {
-    fn is_empty(&self) -> bool {
-        *self == Labels::NonZero
+    fn is_unset(&self) -> bool {
+        *self == Labels::Unset
     }
+}
+
+/// A label by its number, or a segment by the name that a `.seg.nrrd` file gives it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Label {
+    /// The value of its voxels.
+    Number(i64),
+    /// Its name.
+    Name(String),
 }
 
 /// Which connected parts are meshed.
@@ -168,15 +179,13 @@ pub struct Cleaning {
     pub max_hole: VoxelCount,
     /// With `components: all`, parts below this many voxels are dropped as islands. Default 27.
     pub min_island: VoxelCount,
-    /// Fill all enclosed cavities, whatever their size: lumen has none. Default true.
-    pub fill_cavities: bool,
     /// Flip single voxels where two parts touch in an edge or a corner only, so that topology is unambiguous. Default true.
     pub contacts: bool,
 }
 
 impl Default for Cleaning {
     fn default() -> Self {
-        Cleaning { max_hole: VoxelCount(27), min_island: VoxelCount(27), fill_cavities: true, contacts: true }
+        Cleaning { max_hole: VoxelCount(27), min_island: VoxelCount(27), contacts: true }
     }
 }
 

@@ -15,6 +15,9 @@ pub(super) fn explain(message: &str, line: &str, column: usize) -> String {
         let name = name.split(',').next().unwrap_or(name);
         return format!("`{name}` is given a second time in this section: keep one of the two");
     }
+    if message.starts_with("unknown field `fill_cavities`") {
+        return "unknown key `fill_cavities`: enclosed cavities are always filled, since a lumen has none; take the key out".into();
+    }
     if let Some(rest) = message.strip_prefix("unknown field ") {
         return unknown("key", rest);
     }

@@ -194,13 +194,13 @@ fn check(case: &Case) -> Result<(), (String, String)> {
         0 => return fail("input", "names no file: give one of mask, probability and surface, such as `input: {mask: vessel.nrrd}`".into()),
         n => return fail("input", format!("names {n} files: give only one of mask, probability and surface")),
     }
-    if i.threshold.is_some() && i.label != Labels::NonZero {
+    if i.threshold.is_some() && i.label != Labels::Unset {
         return fail("input", "has both label and threshold: give only one".into());
     }
     if i.isovalue.is_some() && i.probability.is_none() {
         return fail("input.isovalue", "only a probability map has an isovalue: give `probability` instead, or use `threshold`".into());
     }
-    if i.probability.is_some() && (i.label != Labels::NonZero || i.threshold.is_some()) {
+    if i.probability.is_some() && (i.label != Labels::Unset || i.threshold.is_some()) {
         return fail("input", "a probability map is cut at `isovalue`; label and threshold are for masks".into());
     }
     match i.spacing {

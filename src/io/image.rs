@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Matrix3;
 
 use super::scalars::{Layout, read_values};
-use super::{Error, metaimage, nifti, nrrd, vti};
+use super::{Error, dicom, metaimage, nifti, nrrd, vti};
 pub use crate::mask::{Image, LengthUnit, Values};
 use crate::geometry::{Point, Vector};
 use crate::mask::Grid;
@@ -23,6 +23,9 @@ pub const FORMATS: &str = ".nrrd, .nhdr, .mha, .mhd, .nii, .nii.gz, .vti";
 /// [`Error`] with the file, what is wrong and what to do. Sizes in headers are checked before memory is taken.
 pub fn read(path: impl AsRef<Path>) -> Result<Image, Error> {
     let path = path.as_ref();
+    if let Some(refusal) = dicom::refusal(path) {
+        return Err(refusal);
+    }
     let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
     let is = |endings: &[&str]| endings.iter().any(|e| name.ends_with(e));
     if is(&[".nrrd", ".nhdr"]) {

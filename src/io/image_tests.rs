@@ -300,3 +300,46 @@ fn bad_files_are_refused_with_the_file_the_fault_and_the_way_out() {
     std::fs::create_dir(folder.0.path().join("d.nrrd")).expect("folder");
     all(&read(folder.0.path().join("d.nrrd")).expect_err("folder").to_string(), &["d.nrrd", "folder"]);
 }
+
+#[test]
+fn segments_and_their_layers_are_read() {
+    let folder = Folder::new();
+    let head = |first: bool| {
+        let (sizes, directions) = if first { ("2 2 3 4", "none (0,0.5,0) (0.25,0,0) (0,0,2)") } else { ("2 3 4 2", "(0,0.5,0) (0.25,0,0) (0,0,2) none") };
+        format!("NRRD0004\ntype: uint8\ndimension: 4\nspace: left-posterior-superior\nsizes: {sizes}\nspace directions: {directions}\nspace origin: (10,20,30)\nencoding: raw\nSegment0_ID:=Segment_1\nSegment0_Name:=Vessel: left\nSegment0_LabelValue:=3\nSegment0_Layer:=0\nSegment1_Name:=Aneurysm\nSegment1_LabelValue:=1\nSegment1_Layer:=1\n\n")
+    };
+    let other: Vec<u8> = voxels().iter().map(|v| v + 100).collect();
+    let woven: Vec<u8> = voxels().into_iter().zip(other.clone()).flat_map(|(a, b)| [a, b]).collect();
+    let image = folder.read("a.seg.nrrd", &[head(true).as_bytes(), &woven]);
+    assert_eq!((&image.values, image.layers.as_slice()), (&Values::U8(voxels()), &[Values::U8(other.clone())][..]));
+    let found: Vec<_> = image.segments.iter().map(|s| (s.name.as_str(), s.label, s.layer)).collect();
+    assert_eq!(found, [("Vessel: left", 3, 0), ("Aneurysm", 1, 1)]);
+    assert_eq!(folder.read("b.seg.nrrd", &[head(false).as_bytes(), &voxels(), &other]), image);
+}
+
+#[test]
+fn a_nifti_header_that_contradicts_itself_is_told_or_refused() {
+    let folder = Folder::new();
+    let sform = |x: f32, y: f32, z: f32, change: &dyn Fn(&mut dyn FnMut(usize, &[u8]))| {
+        nifti1(|put| {
+            put(254, &1i16.to_le_bytes());
+            put(280, &floats(&[-x, 0.0, 0.0, 5.0, 0.0, -y, 0.0, 6.0, 0.0, 0.0, z, 7.0]));
+            change(put);
+        })
+    };
+    let sound = folder.read("a.nii", &[&sform(0.5, 0.25, 2.0, &|_| ()), &voxels()]);
+    assert!(sound.doubts.is_empty(), "{:?}", sound.doubts);
+    let unit = folder.read("b.nii", &[&sform(1.0, 1.0, 1.0, &|_| ()), &voxels()]);
+    assert_eq!(unit.grid.spacing(), [0.5, 0.25, 2.0]);
+    assert!(unit.doubts[0].contains("0.5 x 0.25 x 2 of the header's pixdim are taken"), "{:?}", unit.doubts);
+    let unset = folder.read("c.nii", &[&sform(0.5, 0.25, 2.0, &|put| put(80, &floats(&[1.0, 1.0, 1.0]))), &voxels()]);
+    assert_eq!((unset.grid.spacing(), unset.doubts.len()), ([0.5, 0.25, 2.0], 1));
+    let e = folder.error("d.nii", &[&sform(0.5, 0.25, 3.0, &|_| ()), &voxels()]);
+    assert!(e.contains("0.5 x 0.25 x 3") && e.contains("0.5 x 0.25 x 2") && e.contains("write the image again"), "{e}");
+    let moved = sform(0.5, 0.25, 2.0, &|put| {
+        put(252, &1i16.to_le_bytes());
+        put(256, &floats(&[0.0, 0.0, 1.0, 50.0, 6.0, 7.0]));
+    });
+    let moved = folder.read("e.nii", &[&moved, &voxels()]);
+    assert_eq!((&moved.grid, moved.doubts.len()), (&sound.grid, 1));
+}

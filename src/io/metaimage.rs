@@ -32,7 +32,11 @@ pub fn read(path: &Path) -> Result<Image, Error> {
     };
     let unit = header.get(&["DistanceUnits"]).and_then(LengthUnit::from_symbol);
     let grid = grid(path, dims, spacing, origin, columns, unit)?;
-    Ok(Image { grid, values, stated_unit: unit })
+    let mut image = Image::new(grid, values, unit);
+    if header.get(&["ElementSpacing", "ElementSize"]).is_none() {
+        image.doubts.push("the header has no voxel size: 1 x 1 x 1 mm is taken".into());
+    }
+    Ok(image)
 }
 
 /// The `Key = value` lines up to `ElementDataFile`, which is the last, and their length.

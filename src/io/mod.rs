@@ -1,6 +1,7 @@
 //! File formats: one file a format, reading and writing.
 
 mod cells;
+mod dicom;
 mod error;
 mod foam_reader;
 pub mod fluent;
@@ -15,6 +16,7 @@ pub mod nrrd;
 pub mod openfoam;
 pub mod ply;
 mod scalars;
+mod segments;
 pub mod simvascular;
 pub mod stl;
 mod surface_reader;

@@ -17,6 +17,16 @@ use crate::mask::{Grid, with_values, Scalar};
 
 const AGAIN: &str = "the file is cut short or no NIfTI file: copy or export it again";
 
+/// Relative difference of voxel sizes that rounding explains.
+const SAME: f64 = 0.01;
+
+/// Cosine of the angle between axes from which they differ: two degrees.
+const COSINE: f64 = 0.999_39;
+
+fn numbers(v: [f64; 3]) -> String {
+    v.map(|x| crate::report::rounded(x)).join(" x ")
+}
+
 /// Reads a `.nii` or `.nii.gz` file with three axes of scalars (further axes must have one sample).
 ///
 /// The sform places the voxels where its code is set and its axes are square to each other, else the qform,
@@ -170,13 +180,13 @@ impl Header {
         }
         let skip = (self.vox_offset as u64).saturating_sub(header_len);
         let layout = Layout { scalar, order, encoding: Encoding::Raw, skip, count: count(path, dims)? };
-        let (grid, unit) = self.place(path, dims)?;
+        let (grid, unit, doubts) = self.place(path, dims)?;
         let values = read_values(path, source, len.saturating_sub(header_len), &layout)?;
-        Ok(Image { grid, values: self.scale(values), stated_unit: unit })
+        Ok(Image { doubts, ..Image::new(grid, self.scale(values), unit) })
     }
 
-    /// The grid in LPS mm by sform, qform or spacing alone.
-    fn place(&self, path: &Path, dims: [usize; 3]) -> Result<(Grid, Option<LengthUnit>), Error> {
+    /// The grid in LPS mm by sform, qform or spacing alone, and what they leave in doubt.
+    fn place(&self, path: &Path, dims: [usize; 3]) -> Result<(Grid, Option<LengthUnit>, Vec<String>), Error> {
         let unit = match self.units & 7 {
             1 => Some(LengthUnit::Metre),
             2 => Some(LengthUnit::Millimetre),
@@ -188,22 +198,51 @@ impl Header {
             grid(path, dims, spacing, origin.component_mul(&lps).into(), columns.map(|c| c.component_mul(&lps)), unit)
         };
         let pixdim = [1, 2, 3].map(|i| self.pixdim[i].abs());
-        let by_qform = || {
-            let columns = self.quaternion_axes();
-            build(pixdim, columns, Vector::from(self.qoffset))
-        };
+        let stated = pixdim.iter().all(|p| p.is_finite() && *p > 0.0);
+        let mut doubts = Vec::new();
+        let by_qform = || build(pixdim, self.quaternion_axes(), Vector::from(self.qoffset));
         let result = if self.sform_code > 0 {
             let columns = [0, 1, 2].map(|c| Vector::new(self.srow[0][c], self.srow[1][c], self.srow[2][c]));
-            let spacing = columns.map(|c| c.norm());
+            let lengths = columns.map(|c| c.norm());
             let origin = Vector::new(self.srow[0][3], self.srow[1][3], self.srow[2][3]);
-            let by_sform = build(spacing, [0, 1, 2].map(|i| columns[i] / spacing[i]), origin);
-            if by_sform.is_err() && self.qform_code > 0 { by_qform() } else { by_sform }
+            let same = |a: [f64; 3], b: [f64; 3]| (0..3).all(|i| (a[i] - b[i]).abs() <= SAME * a[i].max(b[i]));
+            let directions = [0, 1, 2].map(|i| columns[i] / lengths[i]);
+            let square = build(lengths, directions, origin).is_ok();
+            let mut spacing = lengths;
+            // The qform goes by pixdim: where it takes the place of an sform that is no grid there is nothing to compare.
+            if stated && !same(lengths, pixdim) && (square || self.qform_code <= 0) {
+                let (ours, theirs) = (numbers(lengths), numbers(pixdim));
+                if same(lengths, [1.0; 3]) {
+                    spacing = pixdim;
+                    doubts.push(format!("the sform has directions and no voxel size: {theirs} of the header's pixdim are taken with them"));
+                } else if pixdim == [1.0; 3] && self.qform_code <= 0 {
+                    doubts.push(format!("the header's pixdim are 1 x 1 x 1 and its sform's voxels {ours}: the sform is taken"));
+                } else {
+                    let what = format!("the sform has voxels of {ours} and the header's pixdim are {theirs}: which holds is not plain");
+                    return Err(Error::malformed(path, what, "write the image again with the right voxel size in both, for example with 3D Slicer or SimpleITK"));
+                }
+            }
+            let by_sform = build(spacing, directions, origin);
+            match (by_sform, by_qform()) {
+                (Ok(s), Ok(q)) if self.qform_code > 0 => {
+                    let turned = (0..3).any(|i| s.axes.column(i).normalize().dot(&q.axes.column(i).normalize()) < COSINE);
+                    if turned || (s.origin - q.origin).norm() > s.voxel_diagonal() {
+                        doubts.push("sform and qform place the image differently: the sform is taken; sizes are the same".into());
+                    }
+                    Ok(s)
+                }
+                (Err(_), Ok(q)) if self.qform_code > 0 => {
+                    doubts.push("the sform's axes are not square to each other: the qform is taken".into());
+                    Ok(q)
+                }
+                (by_sform, _) => by_sform,
+            }
         } else if self.qform_code > 0 {
             by_qform()
         } else {
             build(pixdim, [Vector::x(), Vector::y(), Vector::z()], Vector::zeros())
         };
-        result.map(|g| (g, unit))
+        result.map(|g| (g, unit, doubts))
     }
 
     fn quaternion_axes(&self) -> [Vector; 3] {

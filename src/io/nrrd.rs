@@ -11,20 +11,23 @@ use flate2::write::GzEncoder;
 
 use super::Error;
 use super::image::{Image, LengthUnit, count, grid, open, read_beside};
+use super::segments;
 use super::scalars::{ByteOrder, Encoding, Layout, ScalarType, read_values};
 use crate::geometry::Vector;
 use crate::mask::Mask;
 
 const HEADER_LIMIT: u64 = 1 << 20;
 
-/// Reads a `.nrrd` or `.nhdr` file with three axes of scalars (axes of one sample are left out).
+/// Reads a `.nrrd` or `.nhdr` file with three axes of scalars (axes of one sample are left out), and the segments and
+/// layers of a `.seg.nrrd` file.
 ///
 /// # Errors
 /// See [`super::image::read`].
 pub fn read(path: &Path) -> Result<Image, Error> {
     let (mut file, len) = open(path)?;
-    let (fields, header_len) = header(path, &mut file)?;
-    let header = Header::parse(path, &fields)?;
+    let (fields, pairs, header_len) = header(path, &mut file)?;
+    let segments = segments::named(&pairs);
+    let header = Header::parse(path, &fields, !segments.is_empty())?;
     let values = match &header.data_file {
         None => {
             let mut at = header_len;
@@ -46,12 +49,25 @@ pub fn read(path: &Path) -> Result<Image, Error> {
         Some(name) => read_beside(path, name, (!header.from_end).then_some(0), header.line_skip, &header.layout)?,
     };
     let grid = grid(path, header.dims, header.spacing, header.origin, header.columns, header.unit)?;
-    Ok(Image { grid, values, stated_unit: header.unit })
+    let mut layers = segments::layers(values, header.layers, header.stride).into_iter();
+    let first = layers.next().ok_or_else(|| Error::malformed(path, "the image has no layer", "export the image again"))?;
+    let mut image = Image::new(grid, first, header.unit);
+    image.layers = layers.collect();
+    image.segments = segments;
+    let lost = image.segments.iter().filter(|s| image.layer(s.layer).is_none());
+    image.doubts = lost.map(|s| format!("the segment `{}` lies in layer {}, which the file lacks: it is left out", s.name, s.layer)).collect();
+    if fields.get("spacedirections").or(fields.get("spacings")).is_none() {
+        image.doubts.push("the header has no voxel size: 1 x 1 x 1 mm is taken".into());
+    }
+    Ok(image)
 }
 
-/// The `field: value` lines up to the blank line, keys in lower case without spaces, and the length of the header.
-fn header(path: &Path, file: &mut impl BufRead) -> Result<(BTreeMap<String, String>, u64), Error> {
-    let mut fields = BTreeMap::new();
+type Lines = BTreeMap<String, String>;
+
+/// The `field: value` lines up to the blank line, keys in lower case without spaces; the `key:=value` lines as they stand;
+/// and the length of the header.
+fn header(path: &Path, file: &mut impl BufRead) -> Result<(Lines, Lines, u64), Error> {
+    let (mut fields, mut pairs) = (Lines::new(), Lines::new());
     let mut length = 0;
     let mut source = file.take(HEADER_LIMIT);
     loop {
@@ -68,13 +84,15 @@ fn header(path: &Path, file: &mut impl BufRead) -> Result<(BTreeMap<String, Stri
             return Err(Error::malformed(path, "the header does not end within 1 MiB", "give a NRRD file"));
         }
         if n == 0 || (line.is_empty() && !at_start) {
-            return Ok((fields, length));
+            return Ok((fields, pairs, length));
         }
         if line.starts_with('#') || at_start {
             continue;
         }
-        // `key:=value` pairs are for programs of their own; `field: value` is the format's.
-        if let Some((key, value)) = line.split_once(':').filter(|(_, v)| !v.starts_with('=')) {
+        // `key:=value` pairs are for programs of their own, such as Slicer's segments; `field: value` is the format's.
+        if let Some((key, value)) = line.split_once(":=").filter(|(k, _)| !k.contains(':')) {
+            pairs.insert(key.trim().to_owned(), value.to_owned());
+        } else if let Some((key, value)) = line.split_once(':') {
             let key = key.to_lowercase().replace(' ', "");
             let value = value.trim().to_owned();
             if key == "datafile" && value.to_uppercase().starts_with("LIST") {
@@ -95,10 +113,13 @@ struct Header {
     line_skip: u64,
     from_end: bool,
     data_file: Option<String>,
+    /// Layers of a segmentation, and the values that run faster than their axis.
+    layers: usize,
+    stride: usize,
 }
 
 impl Header {
-    fn parse(path: &Path, fields: &BTreeMap<String, String>) -> Result<Header, Error> {
+    fn parse(path: &Path, fields: &Lines, segmented: bool) -> Result<Header, Error> {
         let get = |key: &str| fields.get(key).map(String::as_str);
         let bad = |key: &str, value: &str, want: &str| {
             Error::malformed(path, format!("header field \"{key}: {value}\" is wrong"), format!("it has to be {want}"))
@@ -121,10 +142,19 @@ impl Header {
             let spatial = |a: usize| vectors.as_ref().is_none_or(|v| v[a].is_some());
             axes.retain(|&a| sizes[a] != 1 || (vectors.is_some() && spatial(a)));
         }
+        // Segments that overlap lie in layers, which are an axis outside space.
+        let outside = |a: &usize| vectors.as_ref().is_some_and(|v| v[*a].is_none());
+        let layered = axes.iter().copied().find(|a| segmented && axes.len() == 4 && outside(a) && sizes[*a] > 0);
+        axes.retain(|a| Some(*a) != layered);
+        let layers = layered.map_or(1, |a| sizes[a]);
         let axes: [usize; 3] = axes.try_into().map_err(|_| {
             Error::unsupported(path, format!("an image with sizes {sizes:?}"), "save one scalar volume with three axes")
         })?;
         let dims = axes.map(|a| sizes[a]);
+        let voxels = count(path, dims)?;
+        let stride = layered.map_or(voxels, |a| sizes[..a].iter().product());
+        let all = voxels.checked_mul(layers).filter(|&n| n <= isize::MAX as usize / 16);
+        let all = all.ok_or_else(|| Error::malformed(path, "the header announces more voxels than any file holds", "export the image again"))?;
 
         let unit = space_unit(get("spaceunits"));
         let (spacing, columns) = match &vectors {
@@ -183,8 +213,8 @@ impl Header {
         let skip_text = get("byteskip").unwrap_or("0");
         let skip: i64 = skip_text.parse().ok().filter(|&s| s >= -1).ok_or_else(|| bad("byte skip", skip_text, "a whole number or -1"))?;
         let from_end = skip == -1 && encoding == Encoding::Raw;
-        let layout = Layout { scalar, order, encoding, skip: skip.max(0) as u64, count: count(path, dims)? };
-        Ok(Header { dims, spacing, origin, columns, unit, layout, line_skip, from_end, data_file: get("datafile").map(str::to_owned) })
+        let layout = Layout { scalar, order, encoding, skip: skip.max(0) as u64, count: all };
+        Ok(Header { dims, spacing, origin, columns, unit, layout, line_skip, from_end, data_file: get("datafile").map(str::to_owned), layers, stride })
     }
 }
 

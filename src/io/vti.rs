@@ -127,7 +127,11 @@ impl<'a> Document<'a> {
         let first = (0..3).fold(Vector::from(origin), |o, a| o + columns[a] * spacing[a] * (extent[2 * a] as f64 + half));
         let grid = grid(self.path, dims, spacing, first.into(), columns, None)?;
         let layout = Layout { scalar, order, encoding: Encoding::Raw, skip: 0, count: count(self.path, dims)? };
-        Ok(Image { grid, values: self.values(&array, appended, layout, wide, compressed)?, stated_unit: None })
+        let mut read = Image::new(grid, self.values(&array, appended, layout, wide, compressed)?, None);
+        if image.get("Spacing").is_none() {
+            read.doubts.push("the header has no voxel size: 1 x 1 x 1 mm is taken".into());
+        }
+        Ok(read)
     }
 
     /// The scalar array to read, whether it lies on cells, and where appended data begin.

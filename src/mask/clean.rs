@@ -25,8 +25,6 @@ pub struct CleaningOptions {
     pub components: Components,
     /// With [`Components::All`], parts below this many voxels are islands and go. Default 27.
     pub min_island: usize,
-    /// Fill every cavity; otherwise only those of at most `max_hole` voxels. Default true: vessels are not hollow.
-    pub fill_cavities: bool,
     /// A tunnel is closed where its narrowest section is at most two voxels wide and has at most this many voxels; a
     /// hole in the lumen's section at the image border is filled up to this many voxels. 0 closes none. Default 27.
     pub max_hole: usize,
@@ -41,7 +39,6 @@ impl Default for CleaningOptions {
         CleaningOptions {
             components: Components::Largest,
             min_island: 27,
-            fill_cavities: true,
             max_hole: 27,
             contacts: true,
             listed: 100,
@@ -111,8 +108,8 @@ const ROUNDS: usize = 6;
 
 /// Repairs a mask within the bounds of `options` and lists every change.
 ///
-/// The result is well-composed (no contacts at an edge or corner only) unless `contacts` is off, has no cavity unless
-/// those were kept, and its 26-connected parts are those that `components` asks for. Vessels that run side by side one
+/// The result is well-composed (no contacts at an edge or corner only) unless `contacts` is off, has no cavity: vessels
+/// are not hollow; and its 26-connected parts are those that `components` asks for. Vessels that run side by side one
 /// background voxel apart stay apart. Deterministic; O(voxels) of the lumen's bounding box.
 ///
 /// # Errors
@@ -131,7 +128,7 @@ pub fn clean(mask: &Mask, options: &CleaningOptions) -> Result<(Mask, CleaningRe
     let mut after = Topology::default();
     for round in 0..ROUNDS {
         let changes = log.changes.len();
-        fill_cavities(&mut work, options, &mut log);
+        fill_cavities(&mut work, &mut log);
         if options.max_hole > 0 {
             fill_border_holes(&mut work, options.max_hole, &mut log);
         }
@@ -209,10 +206,9 @@ fn drop_islands(mask: &Mask, options: &CleaningOptions, log: &mut Log) -> Result
     Ok(out)
 }
 
-fn fill_cavities(work: &mut Workspace, options: &CleaningOptions, log: &mut Log) {
+fn fill_cavities(work: &mut Workspace, log: &mut Log) {
     let labels = label_data(&work.data, work.dims, false, Connectivity::Six);
-    let most = if options.fill_cavities { usize::MAX } else { options.max_hole };
-    let fill: Vec<bool> = labels.components().iter().map(|c| !c.on_border && c.voxels <= most).collect();
+    let fill: Vec<bool> = labels.components().iter().map(|c| !c.on_border).collect();
     let [nx, ny, _] = work.dims;
     for c in (0..fill.len()).filter(|&c| fill[c]) {
         let mut voxels = Vec::new();

@@ -53,13 +53,16 @@ pub(crate) use with_values;
 pub(crate) trait Scalar: Copy + Send + Sync {
     /// The value as a double; 64-bit integers beyond 2⁵³ are rounded.
     fn to_f64(self) -> f64;
-    /// Whether the value is that integer exactly.
+    /// Whether the value is that whole number, as near as [`ROUNDING`].
     fn is_label(self, label: i64) -> bool;
-    /// The value as a label, where it is an integer.
+    /// The value as a label, where it is a whole number, as near as [`ROUNDING`].
     fn label(self) -> Option<i64>;
     /// Neither zero nor NaN.
     fn is_object(self) -> bool;
 }
+
+/// How far a label may lie from its whole number: headers that scale the stored integers leave it beside.
+const ROUNDING: f64 = 0.01;
 
 macro_rules! integer_scalar {
     ($($t:ty),*) => {$(
@@ -77,10 +80,10 @@ macro_rules! float_scalar {
     ($($t:ty),*) => {$(
         impl Scalar for $t {
             fn to_f64(self) -> f64 { f64::from(self) }
-            fn is_label(self, label: i64) -> bool { f64::from(self) == label as f64 }
+            fn is_label(self, label: i64) -> bool { self.label() == Some(label) }
             fn label(self) -> Option<i64> {
                 let x = f64::from(self);
-                (x.fract() == 0.0 && x.abs() < 9e15).then_some(x as i64)
+                ((x - x.round()).abs() <= ROUNDING && x.abs() < 9e15).then_some(x.round() as i64)
             }
             fn is_object(self) -> bool { !self.is_nan() && self != 0.0 }
         }
@@ -187,9 +190,36 @@ pub struct Image {
     pub values: Values,
     /// The unit that the header states for its lengths; `grid` is in millimetres already. `None`: nothing is stated, mm is taken.
     pub stated_unit: Option<LengthUnit>,
+    /// What a segmentation's header calls its parts; empty where it names none.
+    pub segments: Vec<Segment>,
+    /// Layers of a segmentation beyond the first, which `values` holds: parts in different layers may overlap.
+    pub layers: Vec<Values>,
+    /// What the header leaves in doubt, and what was taken; a sentence each.
+    pub doubts: Vec<String>,
+}
+
+/// A named part of a segmentation.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Segment {
+    /// Its name.
+    pub name: String,
+    /// The value of its voxels.
+    pub label: i64,
+    /// The layer that holds them, from 0.
+    pub layer: usize,
 }
 
 impl Image {
+    /// A picture without names.
+    pub fn new(grid: Grid, values: Values, stated_unit: Option<LengthUnit>) -> Image {
+        Image { grid, values, stated_unit, segments: Vec::new(), layers: Vec::new(), doubts: Vec::new() }
+    }
+
+    /// The values of a layer, from 0; `None` where the file lacks it.
+    pub fn layer(&self, n: usize) -> Option<&Values> {
+        if n == 0 { Some(&self.values) } else { self.layers.get(n - 1) }
+    }
+
     /// The same picture with the header's numbers read in `unit`, whatever the header itself states.
     #[must_use]
     pub fn with_unit(mut self, unit: LengthUnit) -> Image {

@@ -92,6 +92,9 @@ pub enum Error {
     /// No volume mesh.
     #[error(transparent)]
     Volume(#[from] volume::Error),
+    /// The mask is nowhere thick enough to be a lumen.
+    #[error("the mask is nowhere more than two voxels thick: it is the label of a wall, a single slice, or a vessel too thin for its voxels; choose the lumen's label with `input.label`, or segment the vessel at a finer spacing")]
+    Thin,
     /// A component has no voxel.
     #[error("a component of the mask has no lumen voxel: check the label or threshold that selects the lumen")]
     EmptyComponent,

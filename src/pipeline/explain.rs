@@ -10,7 +10,7 @@ const LARGE_ISLAND: f64 = 0.02;
 pub(super) fn cleaning(report: &CleaningReport) -> Vec<String> {
     let word = |kind: ChangeKind| match kind {
         ChangeKind::IslandDropped => "islands dropped (input.components, input.cleaning.min_island)",
-        ChangeKind::CavityFilled => "enclosed cavities filled (input.cleaning.fill_cavities)",
+        ChangeKind::CavityFilled => "enclosed cavities filled (a lumen has none)",
         ChangeKind::BorderHoleFilled => "holes at the picture's border filled (input.cleaning.max_hole)",
         ChangeKind::TunnelClosed => "tunnels closed (input.cleaning.max_hole)",
         ChangeKind::ContactFilled => "voxels added where others touched at an edge or corner only (input.cleaning.contacts)",

@@ -8,7 +8,7 @@ use crate::centerline::{Branch, Centerlines, Sample};
 use crate::flow::{FlowOptions, Inflow, OutletSplit, Profile, Shares, Viscosity, Waveform};
 use crate::geometry::{Aabb, Plane, Vector};
 use crate::implicit::Implicit;
-use crate::mask::{CleaningOptions, Components, LengthUnit, Mask, Selection};
+use crate::mask::{CleaningOptions, Components, LabelKey, LengthUnit, Mask, Selection};
 use crate::mesh::PatchKind;
 use crate::mesh::regions::Region;
 use crate::openings::{CutDirection, CutOptions, DetectOptions, ExtendError, Extension, Opening, UserOpenings, UserPlane};
@@ -19,11 +19,15 @@ use crate::remesh::size_field::{EdgeLength, GuidanceOptions, Refinement};
 use crate::volume::{BuildOptions, LayerOptions, SizingOptions, VolumeOptions, WorkerOptions};
 
 pub fn selection(case: &Case) -> Selection {
+    let key = |l: &config::Label| match l {
+        config::Label::Number(n) => LabelKey::Number(*n),
+        config::Label::Name(name) => LabelKey::Name(name.clone()),
+    };
     match (&case.input.label, case.input.threshold) {
         (_, Some(lower)) => Selection::Threshold { lower: Some(lower), upper: None },
-        (Labels::One(l), None) => Selection::Label(vec![*l]),
-        (Labels::Several(l), None) => Selection::Label(l.clone()),
-        (Labels::NonZero, None) => Selection::NonZero,
+        (Labels::One(l), None) => Selection::Label(vec![key(l)]),
+        (Labels::Several(l), None) => Selection::Label(l.iter().map(key).collect()),
+        (Labels::Unset, None) => Selection::Mask,
     }
 }
 
@@ -44,7 +48,6 @@ pub fn cleaning(case: &Case) -> CleaningOptions {
             config::Components::All => Components::All,
         },
         min_island: c.min_island.0,
-        fill_cavities: c.fill_cavities,
         max_hole: c.max_hole.0,
         contacts: c.contacts,
         ..CleaningOptions::default()

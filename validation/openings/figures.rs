@@ -11,6 +11,7 @@ use lumenmesh::config::Case;
 use lumenmesh::geometry::{Plane, Point, Vector};
 use lumenmesh::implicit::{Implicit, smooth};
 use lumenmesh::io::nrrd;
+use lumenmesh::mask::crop_pad;
 use lumenmesh::openings::{DetectOptions, Evidence, Opening, detect, refine};
 use lumenmesh::phantom::{self, End, Phantom, TreeOptions, random_tree};
 use lumenmesh::pipeline::{self, Context, Silent, Stage};

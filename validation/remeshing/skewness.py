@@ -24,9 +24,10 @@ def everything():
     masks.sort(key=lambda p: p.stat().st_size)
     if not masks:
         print("skipped: the masks of ../shared/data are not there", file=sys.stderr)
-    # One label of several.
+    # Of several labels which are lumen has to be said: all, or one.
+    whole = [f"{p}@input.label=[1, 2, 4]" if "multilabel" in p.name else str(p) for p in masks]
     single = [f"{p}@input.label={n}" for p in masks if "multilabel" in p.name for n in (1, 2)]
-    return names + [str(p) for p in masks] + single
+    return names + whole + single
 
 
 def mask_of(name):

@@ -88,7 +88,7 @@ fn memory(case: &Case) -> u64 {
     let Some(path) = &case.input.mask else { return 1 << 30 };
     let Ok(image) = io::image::read(path) else { return 1 << 30 };
     let picture = (image.values.len() * 12) as f64;
-    let lumen = mask::select(&image, &Selection::NonZero).map_or(0, |m| m.count()) as f64;
+    let lumen = mask::select(&image, &Selection::Threshold { lower: Some(f64::MIN_POSITIVE), upper: None }).map_or(0, |m| m.count()) as f64;
     let finer = (1.0 / case.surface.scale.min(1.0)).powi(2);
     (BASE + picture + 6e3 * lumen * finer) as u64
 }
