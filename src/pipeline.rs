@@ -288,11 +288,14 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     drafts.iter().for_each(|d| noise::carry_over(&mut outcome.mask, &d.relabelled));
     let topology = mask::topology(&outcome.mask);
     let traced = results::joined_centerlines(drafts.iter().map(|d| &d.centerlines));
-    let found = if context.stop_after >= Stage::Surface {
-        clock.run("ends", || ends(case, source, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, _)| format!("{} openings", o.len()))?.0
+    let (found, detected) = if context.stop_after >= Stage::Surface {
+        clock.run("ends", || ends(case, source, &outcome.mask, &traced, &drafts, &mut outcome.report), |(o, d)| explain::ends(o, &d.blind))?
     } else {
-        Vec::new()
+        Default::default()
     };
+    // Who turns detection off, or drops ends, has decided; a sphere has none.
+    let decided = case.openings.detect == Detect::Off || !case.openings.drop.is_empty();
+    let shown = !decided && (!found.is_empty() || detected.blind.iter().any(|b| b.reason.is_of_a_vessel()));
     let evidence: Vec<Evidence> = drafts.iter().map(|d| d.evidence.clone()).collect();
     let mut parts = Vec::new();
     let shares = shares(&drafts);
@@ -301,7 +304,7 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         parts.push(part(case, clock, &mut outcome.report, draft, own, share)?);
     }
     if context.stop_after >= Stage::Surface {
-        clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, &mut outcome.report, &context.stop()), |n| format!("{n} openings"))?;
+        clock.run("openings", || cutting::cut(case, &outcome.mask, &mut parts, shown, &mut outcome.report, &context.stop()), |n| format!("{n} openings"))?;
         creases::soften(case, &outcome.mask, &mut parts, &mut outcome.report, context);
     }
     // Before the surface is measured: where it cannot be filled well it is mended.
@@ -356,6 +359,9 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
         outcome.report.put_in("fidelity", "to_input_surface", measured);
     }
     gates::fidelity(&mut outcome.report, case, &fidelity.0, &lost);
+    let wall: f64 = (0..surface.triangles.len()).filter(|&t| surface.patch[t] == mesh::WALL).map(|t| 0.5 * surface.area_vector2(t).norm()).sum();
+    let tenth = 0.1 * outcome.mask.grid.voxel_volume().cbrt();
+    gates::volume_ratio(&mut outcome.report, fidelity.0.volume_ratio, tenth * wall / fidelity.0.kept_mask_volume.max(1e-12));
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();
     outcome.curvature = results::gaussian_curvature(&parts);
     outcome.surface_skewness = quality.per_triangle;

@@ -126,6 +126,16 @@ fn seconds(s: f64) -> String {
     if s < 10.0 { format!("{s:.1}") } else { format!("{s:.0}") }
 }
 
+/// Confidence below which an opening is named in the verdict.
+const SURE: f64 = 0.6;
+
+fn unsure(report: &Report) -> String {
+    let rows = report.sections.get("openings").and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
+    let low = rows.iter().filter(|r| r.get("confidence").and_then(Value::as_f64).is_some_and(|c| c < SURE));
+    let names: Vec<&str> = low.filter_map(|r| r.get("name").and_then(Value::as_str)).collect();
+    if names.is_empty() { String::new() } else { format!(", check {}", names.join(", ")) }
+}
+
 fn verdict(report: &Report, output: &Path, stage: Stage) -> String {
     let passed = report.status == Status::Passed;
     let verdict = match (passed, stage) {
@@ -139,11 +149,12 @@ fn verdict(report: &Report, output: &Path, stage: Stage) -> String {
         1 => ", 1 warning".into(),
         n => format!(", {n} warnings"),
     };
+    let unsure = unsure(report);
     let open = match stage {
         Stage::Mask => output.join("input/mask-cleaned.nrrd"),
         _ => output.join("report.html"),
     };
-    format!("results  {} ({verdict}{warnings}); open {}", output.display(), open.display())
+    format!("results  {} ({verdict}{unsure}{warnings}); open {}", output.display(), open.display())
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ pub enum Profile {
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutletSplit {
-    /// By the cube of the hydraulic diameter (Murray's law).
+    /// By the cube of the hydraulic diameter of the section square to the axis (Murray's law).
     #[default]
     Murray,
     /// By area.
@@ -108,6 +108,8 @@ pub struct FlowOptions {
     pub inflow: Inflow,
     /// Shares of the inlets in a flow rate; by area where `None`.
     pub inlet_fractions: Option<Shares>,
+    /// Areas of the sections square to the vessels' axes by opening, mm²; where one is missing the cap's own is taken.
+    pub square_areas: std::collections::BTreeMap<String, f64>,
     /// Velocity profile at inlets.
     pub profile: Profile,
     /// How outlets share the flow.
@@ -132,6 +134,7 @@ impl Default for FlowOptions {
         FlowOptions {
             inflow: Inflow::Reynolds(300.0),
             inlet_fractions: None,
+            square_areas: Default::default(),
             profile: Profile::Parabolic,
             split: OutletSplit::Murray,
             viscosity: Viscosity::Newtonian { mu: 3.498e-3 },

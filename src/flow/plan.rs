@@ -36,6 +36,8 @@ pub struct PatchFlow {
     pub vessel: usize,
     /// Area, mm².
     pub area: f64,
+    /// Area of the vessel's section square to its axis, mm²: what sizes the vessel where its cap is tilted.
+    pub square_area: f64,
     /// Four times area by perimeter, mm.
     pub hydraulic_diameter: f64,
     /// Centroid, mm.
@@ -48,10 +50,17 @@ pub struct PatchFlow {
     pub flow: Option<f64>,
     /// Mean velocity, m/s.
     pub velocity: Option<f64>,
-    /// Reynolds number of mean velocity and hydraulic diameter.
+    /// Reynolds number of the mean velocity and hydraulic diameter in the section square to the axis.
     pub reynolds: Option<f64>,
     /// Womersley number of the hydraulic radius, where pulsatile.
     pub womersley: Option<f64>,
+}
+
+impl PatchFlow {
+    /// Hydraulic diameter of the section square to the axis, mm.
+    fn square_diameter(&self) -> f64 {
+        self.hydraulic_diameter * (self.square_area / self.area).sqrt()
+    }
 }
 
 /// Flow of every opening.
@@ -82,7 +91,9 @@ impl FlowPlan {
         let nu = mu / options.density;
         let mut openings: Vec<PatchFlow> = vec![];
         for p in mesh.patches().iter().filter(|p| p.patch.kind != PatchKind::Wall) {
-            openings.push(measure(mesh, p.start..p.start + p.count, p)?);
+            let cap = measure(mesh, p.start..p.start + p.count, p)?;
+            let square_area = options.square_areas.get(&cap.name).copied().filter(|a| *a > 0.0).unwrap_or(cap.area);
+            openings.push(PatchFlow { square_area, ..cap });
         }
         let total = inflow(options, nu, &mut openings)?;
         if !openings.iter().any(|o| o.kind == PatchKind::Outlet) {
@@ -114,9 +125,9 @@ impl FlowPlan {
             }
         }
         for o in &mut openings {
-            let d = o.hydraulic_diameter * 1e-3;
+            let d = o.square_diameter() * 1e-3;
             o.velocity = o.flow.map(|q| q / (o.area * 1e-6));
-            o.reynolds = o.velocity.map(|v| v.abs() * d / nu);
+            o.reynolds = o.flow.map(|q| q.abs() / (o.square_area * 1e-6) * d / nu);
             let omega = options.waveform.as_ref().map(|w| std::f64::consts::TAU / w.period());
             o.womersley = omega.map(|w| 0.5 * d * (w / nu).sqrt());
             warnings.extend(doubts(o));
@@ -183,6 +194,7 @@ fn measure(
         kind: p.kind,
         vessel: 1,
         area: area.norm(),
+        square_area: area.norm(),
         hydraulic_diameter: 4.0 * area.norm() / perimeter,
         center: Point::from(first / sum),
         normal: area.normalize(),
@@ -195,7 +207,7 @@ fn measure(
 }
 
 fn inflow(options: &FlowOptions, nu: f64, openings: &mut [PatchFlow]) -> Result<f64, FlowError> {
-    let all: f64 = openings.iter().filter(|o| o.kind == PatchKind::Inlet).map(|o| o.area).sum();
+    let all: f64 = openings.iter().filter(|o| o.kind == PatchKind::Inlet).map(|o| o.square_area).sum();
     if all == 0.0 {
         return Err(FlowError::NoOpening("inlet"));
     }
@@ -208,7 +220,7 @@ fn inflow(options: &FlowOptions, nu: f64, openings: &mut [PatchFlow]) -> Result<
         return Err(FlowError::NotPositive { what: "the flow at the inlet", value });
     }
     let shares = match (&options.inlet_fractions, given) {
-        (None, _) => openings.iter().map(|o| o.area / all).collect(),
+        (None, _) => openings.iter().map(|o| o.square_area / all).collect(),
         (Some(shares), Inflow::FlowRate(_)) => {
             let f = shares.of("fractions", &names(openings), PatchKind::Inlet)?;
             let sum: f64 = f.iter().sum();
@@ -224,7 +236,7 @@ fn inflow(options: &FlowOptions, nu: f64, openings: &mut [PatchFlow]) -> Result<
     for (o, share) in openings.iter_mut().zip(shares).filter(|(o, _)| o.kind == PatchKind::Inlet) {
         let area = o.area * 1e-6;
         let q = match given {
-            Inflow::Reynolds(re) => re * nu / (o.hydraulic_diameter * 1e-3) * area,
+            Inflow::Reynolds(re) => re * nu / (o.square_diameter() * 1e-3) * (o.square_area * 1e-6),
             Inflow::FlowRate(q) => q * share,
             Inflow::Velocity(v) => v * area,
         };
@@ -261,8 +273,8 @@ fn weights(options: &FlowOptions, openings: &[PatchFlow]) -> Result<Vec<f64>, Fl
         openings.iter().zip(values).find(|(o, v)| o.kind == PatchKind::Outlet && !fits(**v)).map(|(_, v)| *v)
     };
     Ok(match &options.split {
-        OutletSplit::Murray => by_outlet(&|o| o.hydraulic_diameter.powi(3)),
-        OutletSplit::Area => by_outlet(&|o| o.area),
+        OutletSplit::Murray => by_outlet(&|o| o.square_diameter().powi(3)),
+        OutletSplit::Area => by_outlet(&|o| o.square_area),
         OutletSplit::Fractions(shares) => {
             let f = shares.of("fractions", &names, PatchKind::Outlet)?;
             if let Some(bad) = of_outlets(&f, &|x| x > 0.0) {

@@ -108,7 +108,14 @@ pub enum BlindReason {
     CroppedSac,
 }
 
-/// A free end of the centerline that stays closed.
+impl BlindReason {
+    /// Whether a vessel ends there that could not be cut, and not a sac or bump.
+    pub fn is_of_a_vessel(self) -> bool {
+        matches!(self, BlindReason::NoSection | BlindReason::SharedSection | BlindReason::LargeSection | BlindReason::TakesMore)
+    }
+}
+
+/// An end that stays closed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BlindEnd {
     /// Where it ends, LPS mm.
@@ -354,6 +361,10 @@ fn one(
     }
     let Some((badness, from_tip, plane, radius, s)) = best else { return Err(BlindReason::NoSection) };
     let diameters = length / (2.0 * radius);
+    // On a vessel of some length the opening should be as large as the section a radius further in.
+    let further = Plane { origin: plane.origin - plane.normal * radius, normal: plane.normal };
+    let inner = section(mask, &further, 4.0 * radius + 2.0 * voxel).filter(|_| diameters >= 2.0);
+    let expected = inner.filter(|i| !i.clipped).map(|i| i.area);
     let confidence = (0.6 + 0.2 * f64::from(flat) + 0.05 * (diameters - 1.0)).clamp(0.5, 0.95);
     let opening = Opening {
         id: 0,
@@ -361,7 +372,7 @@ fn one(
         kind: PatchKind::Outlet,
         plane,
         radius,
-        support: Support { axis: plane.normal, square_area: s.area, expected_area: None, along_face: false },
+        support: Support { axis: plane.normal, square_area: s.area, expected_area: expected, along_face: false },
         found_by: FoundBy::BluntEnd,
         confidence,
         component: lines.branches[branch].component,

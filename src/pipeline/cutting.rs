@@ -7,7 +7,7 @@ use super::{Part, gates, options, remeshing, results, retry};
 use crate::config::Case;
 use crate::geometry::Point;
 use crate::mask::Mask;
-use crate::mesh::{PatchKind, TriMesh, intersect};
+use crate::mesh::{TriMesh, intersect};
 use crate::openings::{self, FoundBy, Opening};
 use crate::remesh::{self, SizeField, Stop, Supports};
 use crate::report::Report;
@@ -18,12 +18,13 @@ const MOVES: usize = 4;
 /// Part by which the number of triangles may differ from the one wished before the surface is made once more.
 const COUNT: f64 = 0.03;
 
-/// Cuts the ends open; gives the number of openings. `stop` is asked while surfaces are made.
-pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Report, stop: &Stop) -> Result<usize, Error> {
+/// Cuts the ends open; gives the number of openings. `evidence` says whether the mask shows any end. `stop` is asked while surfaces are made.
+pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], evidence: bool, report: &mut Report, stop: &Stop) -> Result<usize, Error> {
     let diagonal = parts.iter().fold(crate::geometry::Aabb::EMPTY, |b, p| b.union(&p.surface.bounds())).diagonal();
     let mut measures = Vec::new();
     let mut off_implicit = 0.0f64;
     let mut retries = Vec::new();
+    let mut left_closed = 0;
     for (n, part) in parts.iter_mut().enumerate() {
         let (mut mesh, mut made, mut tried) = make(case, part, stop)?;
         // One correction where the number of triangles is off; a surface that was made otherwise keeps its own.
@@ -45,6 +46,8 @@ pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Rep
             report.warn("surface", format!("component {n}: the surface missed a hard gate and was made {} times; see remeshing.retries", tried.len()));
             retries.push(serde_json::json!({"component": n, "attempts": tried}));
         }
+        let shown = |o: &&Opening| matches!(o.found_by, FoundBy::FlatFace | FoundBy::ImageBorder | FoundBy::SurfaceRim);
+        left_closed += part.openings.iter().filter(shown).filter(|o| made.openings.iter().all(|m| m.name != o.name)).count();
         take_over(part, made.openings);
         let supports = carriers(part);
         off_implicit = off_implicit.max(remesh::off_implicit(&mesh, &supports));
@@ -74,8 +77,10 @@ pub(super) fn cut(case: &Case, mask: &Mask, parts: &mut [Part], report: &mut Rep
     if !extensions.is_empty() {
         report.put("extensions", &extensions);
     }
-    let inlets = found.iter().filter(|o| o.kind == PatchKind::Inlet).count();
-    gates::openings(report, case, &measures, inlets, diagonal);
+    let plain = |o: &&Opening| parts.iter().flat_map(|p| &p.extensions).all(|t| t.name() != o.name);
+    let cut: Vec<Opening> = found.iter().filter(plain).cloned().collect();
+    let voxel = mask.grid.spacing().into_iter().fold(0.0, f64::max);
+    gates::openings(report, case, &gates::Ends { measures: &measures, cut: &cut, left_closed, evidence, diagonal, voxel });
     if found.is_empty() {
         report.warn("openings", "there is no opening: the vessel is closed on all sides; give planes under `openings:`");
     }
@@ -167,6 +172,7 @@ fn way_out(o: &Opening, fixed: bool, moved: usize, error: openings::Error) -> Re
 mod tests {
     use super::*;
     use crate::geometry::Plane;
+    use crate::mesh::PatchKind;
 
     fn end() -> Opening {
         let plane = Plane::new([1.0, 2.0, 3.0].into(), [0.0, 0.0, 1.0].into()).expect("a plane");

@@ -1,7 +1,7 @@
 //! Decisions in sentences, for `-v`.
 
 use crate::mask::{Change, ChangeKind, CleaningReport};
-use crate::openings::{FoundBy, Opening};
+use crate::openings::{BlindEnd, FoundBy, Opening};
 
 /// Part of the kept lumen above which a dropped island is told, whoever asks.
 const LARGE_ISLAND: f64 = 0.02;
@@ -34,6 +34,22 @@ pub(super) fn large_islands(report: &CleaningReport, kept: usize) -> Vec<String>
         )
     };
     report.changes.iter().filter(large).map(tell).collect()
+}
+
+/// Ends named in a progress line.
+const NAMED: usize = 6;
+
+/// Openings and closed ends in one line, before anything is meshed.
+pub(super) fn ends(openings: &[Opening], blind: &[BlindEnd]) -> String {
+    let one = |o: &Opening| {
+        let c = o.plane.origin;
+        let diameter = 2.0 * (o.support.square_area / std::f64::consts::PI).sqrt();
+        format!("{} {diameter:.2} mm across at ({:.1}, {:.1}, {:.1})", o.name, c.x, c.y, c.z)
+    };
+    let named: Vec<String> = openings.iter().take(NAMED).map(one).collect();
+    let more = if openings.len() > NAMED { format!(" and {} more", openings.len() - NAMED) } else { String::new() };
+    let closed = if blind.is_empty() { String::new() } else { format!("; {} closed", blind.len()) };
+    format!("{} openings{}{}{more}{closed}", openings.len(), if named.is_empty() { "" } else { ": " }, named.join("; "))
 }
 
 /// Why there is an opening.

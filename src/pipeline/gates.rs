@@ -3,7 +3,8 @@
 use crate::config::Case;
 use crate::mask::Topology;
 use crate::mesh::topology::TopologyReport;
-use crate::openings::OpeningMeasure;
+use crate::mesh::PatchKind;
+use crate::openings::{FoundBy, Opening, OpeningMeasure};
 use crate::quality::fidelity::{Fidelity, LostLength};
 use crate::quality::{SurfaceQuality, VolumeQuality};
 use crate::report::{Gate, Limit, Report};
@@ -48,12 +49,49 @@ pub fn fidelity(report: &mut Report, case: &Case, fidelity: &Fidelity, lost: &Lo
     report.gate(Gate::hard("lost length, part of the centerline", lost.fraction, Limit::AtMost(case.gates.lost_length)));
 }
 
-/// Openings: at least one of each, caps planar.
-pub fn openings(report: &mut Report, case: &Case, measures: &[OpeningMeasure], inlets: usize, diagonal: f64) {
-    report.gate(Gate::advisory("inlets", inlets as f64, Limit::AtLeast(1.0)));
-    report.gate(Gate::advisory("outlets", measures.len().saturating_sub(inlets) as f64, Limit::AtLeast(1.0)));
-    let planarity = measures.iter().map(|m| m.planarity).fold(0.0, f64::max) / diagonal;
+/// What the openings are held against.
+pub struct Ends<'a> {
+    /// The caps as they were made.
+    pub measures: &'a [OpeningMeasure],
+    /// The openings as they were cut, without those that carry an extension.
+    pub cut: &'a [Opening],
+    /// Ends with a flat face or at the border that could not be cut open.
+    pub left_closed: usize,
+    /// Whether the mask shows any end.
+    pub evidence: bool,
+    /// Diagonal of the bounding box, mm.
+    pub diagonal: f64,
+    /// Largest voxel edge, mm.
+    pub voxel: f64,
+}
+
+/// Openings: at least one of each where the mask shows an end, caps planar, and as large as what they stand for.
+pub fn openings(report: &mut Report, case: &Case, ends: &Ends) {
+    let Ends { measures, cut, .. } = ends;
+    let inlets = measures.iter().filter(|m| m.kind == PatchKind::Inlet).count();
+    let both: fn(&str, f64, Limit) -> Gate = if ends.evidence { Gate::hard } else { Gate::advisory };
+    report.gate(both("inlets", inlets as f64, Limit::AtLeast(1.0)));
+    report.gate(both("outlets", (measures.len() - inlets) as f64, Limit::AtLeast(1.0)));
+    let planarity = measures.iter().map(|m| m.planarity).fold(0.0, f64::max) / ends.diagonal;
     report.gate(Gate::hard("caps planar (part of the bounding box)", planarity, Limit::AtMost(case.gates.cap_planarity)));
+    report.gate(Gate::hard("ends with a flat face or at the border that could not be opened", ends.left_closed as f64, Limit::Exactly(0.0)));
+    let unlike = |o: &Opening| {
+        let (m, expected) = (measures.iter().find(|m| m.id == o.id)?, o.support.expected_area?);
+        let tolerance = match o.found_by {
+            FoundBy::BluntEnd => 0.3 * expected,
+            // Half a voxel round the rim is what the mask itself leaves open.
+            _ => (0.1 * expected).max(0.5 * ends.voxel * m.perimeter),
+        };
+        Some((m.area - expected).abs() / tolerance)
+    };
+    let worst = cut.iter().filter_map(unlike).fold(0.0, f64::max);
+    report.gate(Gate::hard("openings: area off the face, rim or section that each stands for (1 is what is allowed)", worst, Limit::AtMost(1.0)));
+}
+
+/// Volume of the result against that of the part of the mask that was kept; `allowed` is what a tenth of a voxel over the whole
+/// wall makes.
+pub fn volume_ratio(report: &mut Report, ratio: f64, allowed: f64) {
+    report.gate(Gate::hard("volume off that of the mask's kept part (part of it)", (ratio - 1.0).abs(), Limit::AtMost(allowed.max(0.03))));
 }
 
 /// Cells, skewness, OpenFOAM's measures.

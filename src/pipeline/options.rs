@@ -218,6 +218,9 @@ pub fn user_openings(case: &Case) -> UserOpenings {
     }
 }
 
+/// Tilt of a cap to its vessel from which an extension follows the axis, degrees.
+const TILTED: f64 = 10.0;
+
 /// The extensions of these openings.
 pub fn extensions(
     case: &Case,
@@ -237,7 +240,7 @@ pub fn extensions(
         }
         let radius = crate::openings::equivalent_radius(wall, o)?;
         let direction = match own.direction.unwrap_or(all.direction) {
-            config::ExtensionDirection::Normal => None,
+            config::ExtensionDirection::Normal => Some(o.support.axis).filter(|_| o.tilt() > TILTED),
             config::ExtensionDirection::Centerline => tangent(lines, o),
         };
         let transition = Some(blend.to_mm(voxel, radius)).filter(|b| *b > 0.0);
@@ -278,6 +281,7 @@ pub fn flow(case: &Case, waveform: Option<Waveform>) -> FlowOptions {
     };
     FlowOptions {
         inflow,
+        square_areas: Default::default(),
         inlet_fractions: Some(&f.inlet.fractions).filter(|s| !s.is_empty()).map(shares),
         profile,
         split,

@@ -1,6 +1,7 @@
 //! From what a run made to files in a folder.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -273,7 +274,7 @@ pub fn write(outcome: &Outcome, case: &Case, dir: &Path, context: &Context) -> R
     if let Some(volume) = &outcome.volume {
         files_of_volume(outcome, volume, &folder("volume")?)?;
         if context.stop_after >= Stage::Exports {
-            exports(volume, case, dir, &mut report)?;
+            exports(outcome, volume, case, dir, &mut report)?;
         }
     }
     report.run.stages.push(crate::report::StageTime { name: "write".into(), seconds: start.elapsed().as_secs_f64() });
@@ -312,15 +313,22 @@ pub struct OpeningRow<'a> {
     measure: &'a OpeningMeasure,
     found_by: FoundBy,
     confidence: f64,
-    /// Radius of the largest inscribed sphere at the plane, mm.
+    /// Radius of the vessel at the plane, mm.
     radius: f64,
+    /// Area of the vessel's section square to its axis, mm²; `area` is that of the cap.
+    square_area: f64,
+    /// Angle between the cap's normal and the vessel's axis, degrees.
+    tilt: f64,
+    /// Area that the flat face, border region or rim has that the opening stands for, mm².
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expected_area: Option<f64>,
     component: u32,
 }
 
 pub(super) fn opening_rows<'a>(measures: &'a [OpeningMeasure], found: &[Opening]) -> Vec<OpeningRow<'a>> {
     let rows = measures.iter().filter_map(|measure| {
         let o = found.iter().find(|o| o.id == measure.id)?;
-        Some(OpeningRow { measure, found_by: o.found_by, confidence: o.confidence, radius: o.radius, component: o.component })
+        Some(OpeningRow { measure, found_by: o.found_by, confidence: o.confidence, radius: o.radius, square_area: o.support.square_area, tilt: o.tilt(), expected_area: o.support.expected_area, component: o.component })
     });
     rows.collect()
 }
@@ -374,7 +382,7 @@ pub(super) fn contract_keys(report: &mut Report, q: &VolumeQuality) {
     report.put_in("volume", "worst", &q.equi_volume.worst);
 }
 
-fn exports(volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) -> Result<(), Error> {
+fn exports(outcome: &Outcome, volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) -> Result<(), Error> {
     let wanted = |e: Export| case.exports.contains(&e);
     let faces = FaceList::build(volume).map_err(Error::Faces)?;
     let failed = |path: &Path, e: std::io::Error| Error::from(crate::io::Error::write(path, e));
@@ -383,7 +391,7 @@ fn exports(volume: &VolumeMesh, case: &Case, dir: &Path, report: &mut Report) ->
         std::fs::create_dir_all(&path).map_err(|e| failed(&path, e))?;
         Ok(path)
     };
-    let flow = flow_plan(case, &faces)?;
+    let flow = flow_plan(case, &faces, square_areas(outcome))?;
     match &flow {
         Some((options, plan)) => {
             for w in &plan.warnings {
@@ -455,9 +463,21 @@ pub(super) fn flow_options(case: &Case) -> Result<FlowOptions, Error> {
     Ok(super::options::flow(case, waveform))
 }
 
+/// Areas of the sections square to the vessels at their openings, mm², as the caps were made; an extension ends square.
+fn square_areas(outcome: &Outcome) -> BTreeMap<String, f64> {
+    let rows = |key: &str| outcome.report.sections.get(key).and_then(|v| v.as_array()).cloned().unwrap_or_default();
+    let (caps, extended) = (rows("openings"), rows("extensions"));
+    let one = |o: &Opening| {
+        let cap = caps.iter().find(|r| r["name"] == o.name.as_str())?["area"].as_f64()?;
+        let square = extended.iter().all(|r| r["opening"] != o.name.as_str());
+        Some((o.name.clone(), if square { cap * o.tilt().to_radians().cos() } else { cap }))
+    };
+    outcome.openings.iter().filter_map(one).collect()
+}
+
 /// The flow through the openings; `None` where nothing can flow.
-fn flow_plan(case: &Case, faces: &FaceList<'_>) -> Result<Option<(FlowOptions, FlowPlan)>, Error> {
-    let options = flow_options(case)?;
+fn flow_plan(case: &Case, faces: &FaceList<'_>, square_areas: BTreeMap<String, f64>) -> Result<Option<(FlowOptions, FlowPlan)>, Error> {
+    let options = FlowOptions { square_areas, ..flow_options(case)? };
     match FlowPlan::resolve(&options, faces) {
         Ok(plan) => Ok(Some((options, plan))),
         Err(FlowError::NoOpening(_)) => Ok(None),
