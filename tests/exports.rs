@@ -178,7 +178,8 @@ fn a_vessel_in_the_wrong_unit_is_asked_about() {
     lumenmesh(&["phantom", "tube", "-o", "case"], dir.path());
     let out = lumenmesh(&["run", "case/case.yaml", "-o", "out", "--set", "input.units=m", "--set", "surface.scale=2"], dir.path());
     let text = String::from_utf8_lossy(&out.stderr).into_owned();
-    assert!(text.contains("is the unit of the input"), "{text}");
+    assert!(text.contains("the numbers of the header are in another unit") && text.contains("input.units"), "{text}");
+    assert_eq!(out.status.code(), Some(3), "{text}");
 }
 
 #[test]

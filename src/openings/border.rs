@@ -4,8 +4,8 @@
 //! face, R being the radius of the circle of the region's area:
 //!
 //! - it *grazes*: less than 0.6 of its area is left at a depth of 0.75 R, or the section is more than 1.9 times as large
-//!   at 0.5 R; of a slender region, whose half axes differ by more than 1.6, less than 0.75 at R or more than 1.5 times as
-//!   large at 0.75 R; the vessel goes on beside the border, and the region is a piece of its side;
+//!   at 0.5 R; of a slender region, whose half axes differ by a factor of more than 1.6, if the section differs by more than
+//!   about a tenth between 0.25 R and R; the vessel goes on beside the border, and the region is a piece of its side;
 //! - it is a *cropped sac*: it is not slender, and within 2 R the section never grows beyond 1.75 times the region, and shrinks below 0.3 of it;
 //! - otherwise the vessel *leaves* the image there.
 
@@ -168,9 +168,9 @@ fn region(mask: &Mask, voxels: Vec<[i64; 3]>, face: (usize, bool)) -> Option<Bor
     (found.axis, found.straight) = profile.axis(&plane.normal, radius);
     found.largest = most;
     let slender = profile.aspect() > 1.6;
-    let [low, high] = if slender { [0.75, 1.5] } else { [0.6, 1.9] };
-    let changes = at(0.75) < low * first || at(0.5) > high * first;
-    found.kind = if changes || slender && (at(1.0) < low * first || at(0.75) > high * first) {
+    let [low, high] = profile.range(0.25 * radius, radius);
+    let changes = if slender { low < 0.85 * first || high > 1.12 * first } else { at(0.75) < 0.6 * first || at(0.5) > 1.9 * first };
+    found.kind = if changes {
         AtBorder::Grazes
     } else if !slender && most <= 1.75 * first && least < 0.3 * first {
         AtBorder::CroppedSac

@@ -61,6 +61,8 @@ pub struct DetectOptions {
     pub bump_diameters: f64,
     /// How ends with a flat face are cut.
     pub cut: CutDirection,
+    /// A section is left closed where it is this many times as irregular as `max_area_ratio` and an aspect of 2 allow.
+    pub irregular: f64,
     /// A round end whose section is above this many times its inscribed circle stays closed.
     pub largest_section: f64,
 }
@@ -77,6 +79,7 @@ impl Default for DetectOptions {
             sac_width: 1.3,
             bump_diameters: 1.0,
             cut: CutDirection::Auto,
+            irregular: 1.25,
             largest_section: 4.0,
         }
     }
@@ -359,7 +362,8 @@ fn one(
         let (p, d, r) = walk.square(mask, t, farthest - t);
         best = Plane::new(p, d).and_then(|plane| Some((2.0, walk.radius[0].min(farthest), plane, r, section(mask, &plane, 4.0 * r + 2.0 * voxel)?)));
     }
-    let Some((badness, from_tip, plane, radius, s)) = best else { return Err(BlindReason::NoSection) };
+    // The least bad place of several bad ones is no place to cut.
+    let Some((badness, from_tip, plane, radius, s)) = best.filter(|b| b.0 <= options.irregular) else { return Err(BlindReason::NoSection) };
     let diameters = length / (2.0 * radius);
     // On a vessel of some length the opening should be as large as the section a radius further in.
     let further = Plane { origin: plane.origin - plane.normal * radius, normal: plane.normal };

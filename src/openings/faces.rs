@@ -66,10 +66,17 @@ const AT_ONCE: f64 = 0.72;
 const STEADY: f64 = 0.86;
 /// Least ratio of the section a voxel inside to that half a radius inside.
 const DEEPER: f64 = 0.75;
+/// The same of a section that is there at once.
+const GROWING: f64 = 0.75;
 /// Sharpness from which a section need not stay the same.
 const CLEAR: f64 = 0.75;
-/// Least part of the rim that stays where it is, of a stub that joins its parent within two voxels.
-const FREE: f64 = 0.45;
+/// Least part of the rim that stays where it is, times the part of the section that is there at once, of a stub that joins
+/// its parent within two voxels.
+const FREE: f64 = 0.54;
+/// Steadiness below which a section grows abruptly, as where a stub joins its parent and no dome does; the part of the
+/// rim that must stay where it grows gradually.
+const ABRUPT: f64 = 0.7;
+const MOSTLY_FREE: f64 = 0.77;
 /// Least part of the section at a depth of its longer half axis: a flank is not as deep as it is long.
 const DEEP: f64 = 0.5;
 /// Largest ratio of the half axes.
@@ -79,6 +86,8 @@ const ASPECT: f64 = 5.0;
 const SHARP: f64 = 0.62;
 const SLENDER: f64 = 0.16;
 const SHARPEST: f64 = 0.88;
+/// What is asked for more with each voxel of radius below three.
+const SMALL: f64 = 0.05;
 /// Least radius, in the largest voxel edge.
 const LEAST_RADIUS: f64 = 1.8;
 
@@ -182,6 +191,8 @@ struct Step {
     steady: f64,
     /// Part of its rim with background beside it a voxel and two inside.
     free: f64,
+    /// Whether it is five voxels wide on either side: of smaller ones the voxels' own steps look alike.
+    large: bool,
 }
 
 impl Step {
@@ -191,7 +202,13 @@ impl Step {
             at_once: slices.covered(one, 0.5 * h),
             steady: ratio(one.count, slices.next(one, 2.2 * h).count),
             free: slices.free_rim(one, 0.6 * coarse, &[h, 2.2 * h]),
+            large: slices.area(one.count) > std::f64::consts::PI * (5.0 * coarse).powi(2),
         }
+    }
+
+    /// Whether the section is there at once and grows but slowly behind, as that of a chamber does.
+    fn is_crisp(&self) -> bool {
+        self.large && self.at_once >= 0.85 && self.outside < 0.05 && self.steady >= GROWING
     }
 
     /// From 0 to 1; `None` where the lumen does not end in the plane. A stub that joins its parent on one side within two
@@ -201,10 +218,13 @@ impl Step {
         if self.outside > OUTSIDE || self.at_once < at_once {
             return None;
         }
-        let joined = self.free >= FREE && self.at_once > 0.8 && self.outside < 0.06;
+        if self.is_crisp() {
+            return Some((1.0 - self.outside) * self.steady.max(STEADY) * self.at_once);
+        }
+        let joined = self.free * self.at_once >= if self.steady < ABRUPT { FREE } else { MOSTLY_FREE } && self.at_once > 0.8 && self.outside < 0.06;
         match self.steady {
             s if s >= STEADY => Some((1.0 - self.outside) * s * self.at_once),
-            _ if joined => Some((1.0 - self.outside) * STEADY * self.at_once * self.free.sqrt()),
+            _ if joined => Some((1.0 - self.outside) * STEADY * self.at_once),
             _ => None,
         }
     }
@@ -270,10 +290,10 @@ fn whole(mask: &Mask, points: &BoundaryPoints, plane: &Plane) -> Option<FlatFace
     let step = Step::new(&slices, &one, h, coarse);
     let sharp = step.sharpness()?;
     let slender = long / short;
-    if radius < LEAST_RADIUS * coarse || slender > ASPECT || sharp < (SHARP + SLENDER * (slender - 1.5).max(0.0)).min(SHARPEST) {
+    if radius < LEAST_RADIUS * coarse || slender > ASPECT || sharp < (SHARP + SLENDER * (slender - 1.5).max(0.0) + SMALL * (3.0 - radius / coarse).max(0.0)).min(SHARPEST) {
         return None;
     }
-    let joined = step.steady < STEADY;
+    let joined = step.steady < STEADY && !step.is_crisp();
     if joined && slender > 2.0 {
         return None;
     }
@@ -282,7 +302,7 @@ fn whole(mask: &Mask, points: &BoundaryPoints, plane: &Plane) -> Option<FlatFace
     // A blurred step needs a section that stays; a sharp one may lead into something wider at once.
     let stays = area >= DEEPER * at((0.5 * radius).min(4.0 * h).max(2.2 * h));
     let depth = long * (0.5 + 0.5 * ((slender - 1.6) / 0.8).clamp(0.0, 1.0));
-    if !joined && sharp < CLEAR && !stays || at(depth.max(2.0 * h)) < DEEP * area {
+    if !joined && !step.is_crisp() && sharp < CLEAR && !stays || at(depth.max(2.0 * h)) < DEEP * area {
         return None;
     }
     if joined {
@@ -291,7 +311,7 @@ fn whole(mask: &Mask, points: &BoundaryPoints, plane: &Plane) -> Option<FlatFace
     }
     let two = slices.next(&one, 2.0 * h);
     let (middle, _) = slices.shape(&two, 0.0);
-    let area = 0.5 * (area + slices.area(two.count));
+    let area = if step.steady < 0.95 { area } else { 0.5 * (area + slices.area(two.count)) };
     let (axis, straight) = profile.axis(&plane.normal, radius);
     // Sections of a slanted vessel wander along its axis.
     let slide = axis - plane.normal * axis.dot(&plane.normal);

@@ -46,7 +46,7 @@ fn score(phantom: &phantom::Phantom) -> Score {
     }
     for (o, _) in openings.iter().zip(&used).filter(|(_, u)| !**u) {
         s.invented += 1;
-        s.wrong.push(format!("{}: invented {} radius {:.2} at {:.2?}", phantom.name, o.name, o.radius, o.plane.origin.coords.as_slice()));
+        s.wrong.push(format!("{}: invented {} radius {:.2} at {:.2?} by {:?}, normal {:.2?}", phantom.name, o.name, o.radius, o.plane.origin.coords.as_slice(), o.found_by, o.plane.normal.as_slice()));
     }
     s
 }

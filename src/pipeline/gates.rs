@@ -77,12 +77,9 @@ pub fn openings(report: &mut Report, case: &Case, ends: &Ends) {
     report.gate(Gate::hard("ends with a flat face or at the border that could not be opened", ends.left_closed as f64, Limit::Exactly(0.0)));
     let unlike = |o: &Opening| {
         let (m, expected) = (measures.iter().find(|m| m.id == o.id)?, o.support.expected_area?);
-        let tolerance = match o.found_by {
-            FoundBy::BluntEnd => 0.3 * expected,
-            // Half a voxel round the rim is what the mask itself leaves open.
-            _ => (0.1 * expected).max(0.5 * ends.voxel * m.perimeter),
-        };
-        Some((m.area - expected).abs() / tolerance)
+        let part = if o.found_by == FoundBy::BluntEnd { 0.3 } else { 0.1 };
+        // Half a voxel round the rim is what the mask itself leaves open.
+        Some((m.area - expected).abs() / (part * expected).max(0.5 * ends.voxel * m.perimeter))
     };
     let worst = cut.iter().filter_map(unlike).fold(0.0, f64::max);
     report.gate(Gate::hard("openings: area off the face, rim or section that each stands for (1 is what is allowed)", worst, Limit::AtMost(1.0)));
