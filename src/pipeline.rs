@@ -362,8 +362,8 @@ fn surface_stages(case: &Case, source: &Source, clock: &mut Clock, outcome: &mut
     let wall: f64 = (0..surface.triangles.len()).filter(|&t| surface.patch[t] == mesh::WALL).map(|t| 0.5 * surface.area_vector2(t).norm()).sum();
     // A wall that was moved on purpose is off by that.
     let moved = case.reconstruction.offset.map_or(0.0, f64::abs) * voxel_diagonal;
-    let tenth = 0.1 * outcome.mask.grid.voxel_volume().cbrt();
-    gates::volume_ratio(&mut outcome.report, fidelity.0.volume_ratio, (tenth + 1.5 * moved) * wall / fidelity.0.kept_mask_volume.max(1e-12));
+    let slight = 0.15 * outcome.mask.grid.voxel_volume().cbrt();
+    gates::volume_ratio(&mut outcome.report, fidelity.0.volume_ratio, (slight + 1.5 * moved) * wall / fidelity.0.kept_mask_volume.max(1e-12));
     outcome.deviation = fidelity.0.deviation.iter().map(|d| d / voxel_diagonal).collect();
     outcome.curvature = results::gaussian_curvature(&parts);
     outcome.surface_skewness = quality.per_triangle;

@@ -63,6 +63,8 @@ pub struct DetectOptions {
     pub cut: CutDirection,
     /// A section is left closed where it is this many times as irregular as `max_area_ratio` and an aspect of 2 allow.
     pub irregular: f64,
+    /// A round end whose cut would take off more than this part of the lumen stays closed.
+    pub most_of_the_lumen: f64,
     /// A round end whose section is above this many times its inscribed circle stays closed.
     pub largest_section: f64,
 }
@@ -80,6 +82,7 @@ impl Default for DetectOptions {
             bump_diameters: 1.0,
             cut: CutDirection::Auto,
             irregular: 1.25,
+            most_of_the_lumen: 0.2,
             largest_section: 4.0,
         }
     }
@@ -429,7 +432,8 @@ impl Leaving {
             let d = f.center - o.plane.origin;
             d.norm() < longest + radius && o.plane.signed_distance(&f.center) > -0.5 * radius
         };
-        (taken.more || taken.length > 1.5 * longest || faces.iter().any(|f| f.0.opening.found_by != FoundBy::BluntEnd && beside(&f.1))).then_some(BlindReason::TakesMore)
+        let share = taken.volume / mask.volume();
+        (taken.more || share > options.most_of_the_lumen || taken.length > 1.5 * longest || faces.iter().any(|f| f.0.opening.found_by != FoundBy::BluntEnd && beside(&f.1))).then_some(BlindReason::TakesMore)
     }
 
     /// The opening there; an irregular section costs confidence and is told.

@@ -120,6 +120,7 @@ pub fn flat_faces(mask: &Mask) -> Vec<FlatFace> {
     let order = |p: &Plane| [p.origin.x, p.origin.y, p.origin.z];
     candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| order(&a.1).partial_cmp(&order(&b.1)).unwrap_or(std::cmp::Ordering::Equal)));
     let mut found: Vec<FlatFace> = Vec::new();
+    let mut refused: Vec<Plane> = Vec::new();
     for (_, plane) in candidates {
         let taken = |f: &FlatFace| {
             let d = plane.origin - f.plane.origin;
@@ -129,7 +130,14 @@ pub fn flat_faces(mask: &Mask) -> Vec<FlatFace> {
         if found.iter().any(taken) {
             continue;
         }
-        let Some(face) = whole(mask, &points, &plane) else { continue };
+        let alike = |p: &Plane| (p.origin - plane.origin).norm() < 1.5 * coarse && p.normal.dot(&plane.normal) > 0.97;
+        if refused.iter().any(alike) {
+            continue;
+        }
+        let Some(face) = whole(mask, &points, &plane) else {
+            refused.push(plane);
+            continue;
+        };
         let same = |f: &FlatFace| (f.plane.origin - face.plane.origin).norm() < 0.8 * f.radius().max(face.radius());
         if !found.iter().any(same) {
             found.push(face);
@@ -302,7 +310,9 @@ fn whole(mask: &Mask, points: &BoundaryPoints, plane: &Plane) -> Option<FlatFace
     // A blurred step needs a section that stays; a sharp one may lead into something wider at once.
     let stays = area >= DEEPER * at((0.5 * radius).min(4.0 * h).max(2.2 * h));
     let depth = long * (0.5 + 0.5 * ((slender - 1.6) / 0.8).clamp(0.0, 1.0));
-    if !joined && !step.is_crisp() && sharp < CLEAR && !stays || at(depth.max(2.0 * h)) < DEEP * area {
+    // Behind a slender section all the way counts: another leg of a bent vessel may come up farther on.
+    let behind = if slender > 1.6 { profile.range(2.0 * h, depth.max(2.0 * h))[0] } else { at(depth.max(2.0 * h)) };
+    if !joined && !step.is_crisp() && sharp < CLEAR && !stays || behind < DEEP * area {
         return None;
     }
     if joined {

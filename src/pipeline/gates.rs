@@ -85,8 +85,8 @@ pub fn openings(report: &mut Report, case: &Case, ends: &Ends) {
     report.gate(Gate::hard("openings: area off the face, rim or section that each stands for (1 is what is allowed)", worst, Limit::AtMost(1.0)));
 }
 
-/// Volume of the result against that of the part of the mask that was kept; `allowed` is what a tenth of a voxel over the whole
-/// wall makes.
+/// Volume of the result against that of the part of the mask that was kept; `allowed` is what a small part of a voxel over the
+/// whole wall makes.
 pub fn volume_ratio(report: &mut Report, ratio: f64, allowed: f64) {
     report.gate(Gate::hard("volume off that of the mask's kept part (part of it)", (ratio - 1.0).abs(), Limit::AtMost(allowed.max(0.03))));
 }

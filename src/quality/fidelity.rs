@@ -26,13 +26,13 @@ pub struct Cut {
     pub radius: f64,
     /// Name of the opening.
     pub name: String,
-    /// Whether the user gave the plane.
+    /// Whether a person made the cut: gave the plane, or cut the mask or surface there.
     pub user: bool,
 }
 
 impl From<&Opening> for Cut {
     fn from(o: &Opening) -> Cut {
-        Cut { plane: o.plane, radius: o.radius, name: o.name.clone(), user: o.found_by == FoundBy::User }
+        Cut { plane: o.plane, radius: o.radius, name: o.name.clone(), user: o.found_by != FoundBy::BluntEnd }
     }
 }
 
