@@ -138,6 +138,8 @@ pub fn map_on(image: &Image, isovalue: f64, mask: &Mask) -> Result<Probability, 
             (true, _) if last => outside,
             (true, false) => inside,
             (false, true) => outside,
+            // A border value just below the isovalue would go on for ever as all but wall.
+            (false, false) if (0..3).any(|a| at[a] < -0.5 || at[a] > image.grid.dims[a] as f64 - 0.5) => value.min(outside),
             // Not a number is background.
             _ if value.is_nan() => outside,
             _ => value,
