@@ -42,7 +42,7 @@ fn case(name: &str) -> Case {
     let supports = Supports::new(&wall);
     let (triangles, _) = isotropic::remesh(&polygons, &supports, &field, &Default::default()).expect("triangles");
     let (repaired, _) = angle_repair::repair(&triangles, &supports, &field, &Default::default()).expect("repair");
-    let (ends, _) = openings::detect(&mask, &lines, &Default::default());
+    let (ends, _) = openings::detect(&mask, &lines, &[openings::Evidence::of(&mask)], &Default::default());
     Case { mask, wall, polygons, lines, radii, field, triangles, repaired, ends }
 }
 
@@ -68,7 +68,7 @@ fn stages(c: &mut Criterion) {
     group.bench_function("angle repair", |b| {
         b.iter(|| angle_repair::repair(&case.triangles, &supports, &case.field, &Default::default()))
     });
-    group.bench_function("detect openings", |b| b.iter(|| openings::detect(&case.mask, &case.lines, &Default::default())));
+    group.bench_function("detect openings", |b| b.iter(|| openings::detect(&case.mask, &case.lines, &[openings::Evidence::of(&case.mask)], &Default::default())));
     group.bench_function("cut", |b| {
         b.iter(|| openings::cut(&case.repaired, wall, &case.field, &case.ends, &Default::default()))
     });

@@ -1,4 +1,4 @@
-//! `lumenmesh check`: the quality report of any mesh, ours or not, held against the same gates.
+//! `lumenmesh check`: the quality report of any mesh, held against the same gates.
 
 use std::path::Path;
 

@@ -83,15 +83,6 @@ impl BorderRegion {
     pub fn side(&self) -> (usize, bool) {
         self.face
     }
-
-    /// Whether all of it lies beyond a plane.
-    pub fn beyond(&self, mask: &Mask, plane: &Plane) -> bool {
-        self.voxels.iter().all(|v| {
-            let mut x = Vector::new(v[0] as f64, v[1] as f64, v[2] as f64);
-            x[self.face.0] += if self.face.1 { 0.5 } else { -0.5 };
-            plane.signed_distance(&mask.grid.to_world(x)) > 0.0
-        })
-    }
 }
 
 /// All regions of lumen on the image's border.
